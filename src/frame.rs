@@ -1,0 +1,191 @@
+//! The suitcase that travels: a picture, when it was taken, and what each stage found out about it, in journey order.
+
+use crate::geometry::{Homography, OutputMap, RowMotion};
+use crate::image::{Picture, Plane};
+
+/// When a frame was taken and what its source says of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stamp {
+    /// Capture time of the first row, nanoseconds on the source's clock (V4L2: usually CLOCK_MONOTONIC).
+    pub time_ns: i64,
+    /// The source's own count; gaps are frames that the source lost.
+    pub sequence: u64,
+    /// What the source says of the frame.
+    pub flags: FrameFlags,
+}
+
+/// What a source says of a frame; a set of bits, stored as such in recordings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameFlags(pub u32);
+
+impl FrameFlags {
+    /// The driver marked the frame's data as damaged (V4L2_BUF_FLAG_ERROR).
+    pub const ERROR: Self = Self(1);
+    /// The frame's data is shorter than it should be.
+    pub const TRUNCATED: Self = Self(2);
+
+    /// Whether every bit of `other` is set.
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Both sets of bits.
+    pub fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// One point of the scene, seen in the frame before and in this one. Pixels of the input picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Track {
+    /// Where the frame before showed it (x, y).
+    pub from: [f64; 2],
+    /// Where this frame shows it (x, y).
+    pub to: [f64; 2],
+    /// Name of the point, kept while it is followed.
+    pub id: u32,
+    /// Frames for which it has been followed, this one included.
+    pub age: u32,
+    /// What the shutter model made of it: 1 agrees wholly with the camera's motion, 0 not at all.
+    pub weight: f32,
+}
+
+/// The pyramid of a frame's luma: level 0 is the picture, each further one half as wide and high.
+#[derive(Clone, Debug, Default)]
+pub struct Pyramid {
+    /// Level 1 and up; level 0 is the picture's own luma plane.
+    pub levels: Vec<Plane>,
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outcome {
+    /// Nothing yet.
+    #[default]
+    Pending,
+    /// Shake and rolling shutter were taken out, as far as the motion could be trusted.
+    Stabilized,
+    /// The picture before was shown again.
+    Held(HoldReason),
+    /// Shown with no correction but the crop.
+    PassedThrough(PassReason),
+}
+
+/// Why a picture was shown again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HoldReason {
+    /// The frame's data was damaged.
+    Damaged,
+}
+
+/// Why a frame was not corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PassReason {
+    /// The stream begins, or begins anew after its size changed: there is nothing to compare with.
+    First,
+    /// Too few points could be followed, for too long.
+    LostTrack,
+    /// Stabilization is switched off.
+    SwitchedOff,
+}
+
+/// The stages whose time is taken, in journey order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Stage {
+    /// Raw bytes to a planar picture, decoding included.
+    Unpack,
+    /// Luma pyramid.
+    Pyramid,
+    /// Corners.
+    Detect,
+    /// Lucas-Kanade.
+    Track,
+    /// Homography.
+    Fit,
+    /// Rolling-shutter model.
+    Shutter,
+    /// Path filter and crop window.
+    Smooth,
+    /// Warp into the canvas.
+    Warp,
+    /// The sink.
+    Submit,
+}
+
+impl Stage {
+    /// Every stage, in journey order.
+    pub const ALL: [Self; 9] = [
+        Self::Unpack,
+        Self::Pyramid,
+        Self::Detect,
+        Self::Track,
+        Self::Fit,
+        Self::Shutter,
+        Self::Smooth,
+        Self::Warp,
+        Self::Submit,
+    ];
+
+    /// The name under which reports show it.
+    pub fn name(self) -> &'static str {
+        ["unpack", "pyramid", "detect", "track", "fit", "shutter", "smooth", "warp", "submit"][self as usize]
+    }
+}
+
+/// The homography from the frame before to this one, and how far to believe it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Fit {
+    /// Takes a pixel of the frame before to this frame (eq. 1).
+    pub homography: Homography,
+    /// Tracks that agree with it.
+    pub inliers: u32,
+    /// Tracks there were.
+    pub tracks: u32,
+    /// 0 (know nothing) to 1.
+    pub confidence: f64,
+}
+
+/// What the stages found out about a frame, in journey order.
+#[derive(Clone, Debug, Default)]
+pub struct FrameContext {
+    /// Frame's time after the frame before it, seconds; 0 for a stream's first.
+    pub interval_s: f64,
+    /// Points followed from the frame before into this one.
+    pub tracks: Vec<Track>,
+    /// Their homography.
+    pub fit: Fit,
+    /// Motion of the rows within the frame.
+    pub rows: RowMotion,
+    /// Motion since the frame before, the model's own four parameters (cho2007: a, c, d of eq. 2, then 0).
+    pub motion: [f64; 4],
+    /// The camera's path at the frame's reference time, the model's own four parameters (cho2007: those of U).
+    pub path: [f64; 4],
+    /// The virtual camera's path, in the same parameters (cho2007: those of S).
+    pub smoothed: [f64; 4],
+    /// How far the correction is believed, 0 to 1; moves slowly.
+    pub trust: f64,
+    /// Largest share of the crop window's margin that the correction uses, 0 to 1.
+    pub crop_use: f64,
+    /// Where each output pixel comes from.
+    pub map: OutputMap,
+    /// What became of the frame.
+    pub outcome: Outcome,
+    /// Time spent in each stage, nanoseconds, by [`Stage`].
+    pub spent_ns: [u64; Stage::ALL.len()],
+}
+
+/// A frame on its way. Made once, in a pool; nothing in it is allocated per frame after the first few.
+#[derive(Debug, Default)]
+pub struct Frame {
+    /// When it was taken.
+    pub stamp: Stamp,
+    /// The picture as it was taken.
+    pub picture: Picture,
+    /// Whether `picture` holds this frame; false where its data was damaged.
+    pub intact: bool,
+    /// Luma at lower resolutions.
+    pub pyramid: Pyramid,
+    /// What the stages found out.
+    pub context: FrameContext,
+}

@@ -1,0 +1,12 @@
+//! Pixels in memory: planes, pictures and the names of raw formats. Where a pixel lies, never what it means.
+//!
+//! Coordinates everywhere in gimbald: pixel centres lie at whole numbers, (0, 0) is the centre of the top-left pixel, x goes
+//! right, y goes down.
+
+mod format;
+mod picture;
+mod plane;
+
+pub use format::{Colour, PixelFormat, Range, Siting};
+pub use picture::{Picture, PictureMut, PictureRef, Sampling};
+pub use plane::{Plane, PlaneMut, PlaneRef};

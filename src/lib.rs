@@ -1,0 +1,7 @@
+//! A software gimbal for Linux webcams.
+
+pub mod device;
+pub mod frame;
+pub mod geometry;
+pub mod image;
+pub mod rt;

@@ -1,0 +1,3 @@
+//! Clock, rings and threads: what runs, never what it computes.
+
+pub mod clock;
