@@ -4,4 +4,6 @@ pub mod device;
 pub mod frame;
 pub mod geometry;
 pub mod image;
+pub mod pipeline;
 pub mod rt;
+pub mod stage;

@@ -1,3 +1,4 @@
 //! Clock, rings and threads: what runs, never what it computes.
 
 pub mod clock;
+pub mod stop;
