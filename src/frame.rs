@@ -46,6 +46,8 @@ pub struct Track {
     pub id: u32,
     /// Frames for which it has been followed, this one included.
     pub age: u32,
+    /// Standard deviation of `to`, as the patch's texture and its difference suggest (pixels).
+    pub sigma_px: f32,
     /// What the shutter model made of it: 1 agrees wholly with the camera's motion, 0 not at all.
     pub weight: f32,
 }

@@ -1,17 +1,23 @@
 //! Where output pixels come from: the one thing that every shutter model gives to the warp.
 
-use super::Homography;
+use super::{Homography, Zoom};
 
 /// Motion of a frame's rows against the frame's reference time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RowMotion {
-    /// The paper's: the homography D takes a pixel of the undistorted frame to the captured one (eq. 3).
-    Projective(Homography),
+    /// The paper's: one zoom and translation for the whole frame interval, at constant speed.
+    Uniform {
+        /// Motion in one frame interval.
+        motion: Zoom,
+        /// Rows that are read in one frame interval: the picture's rows / the part of the interval that the readout takes;
+        /// negative where the sensor reads from bottom to top.
+        rows: f64,
+    },
 }
 
 impl Default for RowMotion {
     fn default() -> Self {
-        Self::Projective(Homography::IDENTITY)
+        Self::Uniform { motion: Zoom::IDENTITY, rows: 1e9 }
     }
 }
 

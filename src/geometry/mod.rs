@@ -3,6 +3,8 @@
 
 mod homography;
 mod map;
+mod zoom;
 
 pub use homography::Homography;
 pub use map::{OutputMap, RowMotion};
+pub use zoom::Zoom;

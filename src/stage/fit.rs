@@ -1,4 +1,13 @@
 //! The homography between two frames, robustly: seeded MSAC, then refinement on the inliers.
+//!
+//! Minimised is the sum over tracks of rho(|H x - x'|^2), the distance in the newer frame in pixels: by MSAC (Torr and Zisserman
+//! 2000; rho = min(e^2, threshold^2)) over minimal samples, then by Gauss-Newton with Geman-McClure weights. Coordinates are
+//! normalised (centre of the tracks to 0, mean distance 1) while fitting.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use crate::frame::{Fit, Track};
+use crate::geometry::Homography;
 
 /// Which entries of the homography are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,4 +34,225 @@ impl Default for Params {
     fn default() -> Self {
         Self { form: Form::Constrained, threshold_px: 1.5, seed: 1 }
     }
+}
+
+/// Tracks below which nothing is fitted.
+const LEAST_TRACKS: usize = 12;
+/// Hypotheses at most.
+const MOST_HYPOTHESES: usize = 160;
+/// Probability with which at least one sample should hold no outlier.
+const CERTAINTY: f64 = 0.999;
+/// Rounds of refinement.
+const REFINEMENTS: usize = 6;
+
+/// Fits homographies, one after the other.
+#[derive(Debug)]
+pub struct Fitter {
+    params: Params,
+    state: u64,
+}
+
+/// A homography's first eight entries, h9 = 1.
+type Entries = SVector<f64, 8>;
+
+impl Fitter {
+    /// A fitter whose random choices follow from the settings' seed.
+    pub fn new(params: Params) -> Self {
+        Self { params, state: params.seed }
+    }
+
+    /// Fits `tracks`. With too few of them, or all of them in one place, the fit is the identity with confidence 0.
+    pub fn fit(&mut self, tracks: &[Track]) -> Fit {
+        let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };
+        if tracks.len() < LEAST_TRACKS {
+            return nothing;
+        }
+        let Some(frame) = Normal::of(tracks) else { return nothing };
+        let threshold = self.params.threshold_px / frame.scale;
+        let Some(rough) = self.search(tracks, &frame, threshold) else { return nothing };
+        let fine = refine(self.params.form, tracks, &frame, rough, threshold);
+        let inliers = tracks.iter().filter(|track| frame.error(&fine, track).is_some_and(|e| e < threshold * threshold)).count();
+        let homography = frame.restore(&fine);
+        if !homography.is_finite() {
+            return nothing;
+        }
+        Fit { homography, inliers: inliers as u32, tracks: tracks.len() as u32, confidence: confidence(inliers, tracks.len()) }
+    }
+
+    /// The hypothesis with the least truncated error.
+    fn search(&mut self, tracks: &[Track], frame: &Normal, threshold: f64) -> Option<Entries> {
+        let size = match self.params.form {
+            Form::Constrained => 3,
+            Form::General => 4,
+        };
+        let limit = threshold * threshold;
+        let mut best: Option<(f64, Entries)> = None;
+        let mut wanted = MOST_HYPOTHESES;
+        let mut tried = 0;
+        while tried < wanted {
+            tried += 1;
+            let mut sample = [([0.0; 2], [0.0; 2]); 4];
+            for point in &mut sample[..size] {
+                *point = frame.pair(&tracks[self.random(tracks.len())]);
+            }
+            let hypothesis = match self.params.form {
+                Form::Constrained => constrained([sample[0], sample[1], sample[2]]),
+                Form::General => general(sample),
+            };
+            let Some(hypothesis) = hypothesis else { continue };
+            let (mut cost, mut inliers) = (0.0, 0usize);
+            for track in tracks {
+                let error = frame.error(&hypothesis, track).unwrap_or(f64::INFINITY);
+                inliers += usize::from(error < limit);
+                cost += error.min(limit);
+                if best.as_ref().is_some_and(|(least, _)| cost >= *least) {
+                    break;
+                }
+            }
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, hypothesis));
+                let share = inliers as f64 / tracks.len() as f64;
+                let clean = share.powi(size as i32).clamp(1e-9, 1.0 - 1e-9);
+                wanted = (((1.0 - CERTAINTY).ln() / (1.0 - clean).ln()).ceil() as usize).clamp(12, MOST_HYPOTHESES);
+            }
+        }
+        best.map(|(_, entries)| entries)
+    }
+
+    /// A number below `below`: splitmix64 (Steele, Lea, Flood 2014), scaled.
+    fn random(&mut self, below: usize) -> usize {
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^= z >> 31;
+        ((u128::from(z) * below as u128) >> 64) as usize
+    }
+}
+
+/// How far to believe a fit: 0 with hardly more inliers than unknowns or one in five, 1 with 40 and one in two.
+fn confidence(inliers: usize, tracks: usize) -> f64 {
+    let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
+    ramp(inliers as f64, 8.0, 40.0) * ramp(inliers as f64 / tracks.max(1) as f64, 0.2, 0.5)
+}
+
+/// The normalising similarity: the tracks' centre goes to 0, their mean distance from it to 1.
+struct Normal {
+    centre: [f64; 2],
+    scale: f64,
+}
+
+impl Normal {
+    fn of(tracks: &[Track]) -> Option<Self> {
+        let n = tracks.len() as f64;
+        let mut centre = [0.0; 2];
+        for track in tracks {
+            centre[0] += track.from[0] / n;
+            centre[1] += track.from[1] / n;
+        }
+        let scale = tracks.iter().map(|t| (t.from[0] - centre[0]).hypot(t.from[1] - centre[1])).sum::<f64>() / n;
+        (scale.is_finite() && scale > 1.0).then_some(Self { centre, scale })
+    }
+
+    fn pair(&self, track: &Track) -> ([f64; 2], [f64; 2]) {
+        let normal = |p: [f64; 2]| [(p[0] - self.centre[0]) / self.scale, (p[1] - self.centre[1]) / self.scale];
+        (normal(track.from), normal(track.to))
+    }
+
+    /// Squared distance in the newer frame; `None` where the point goes to infinity or beyond.
+    #[inline]
+    fn error(&self, h: &Entries, track: &Track) -> Option<f64> {
+        let (from, to) = self.pair(track);
+        let [x, y, _] = project(h, from)?;
+        Some((x - to[0]) * (x - to[0]) + (y - to[1]) * (y - to[1]))
+    }
+
+    /// The same homography between pixels.
+    fn restore(&self, h: &Entries) -> Homography {
+        let (s, [cx, cy]) = (self.scale, self.centre);
+        let there = Matrix3::new(1.0 / s, 0.0, -cx / s, 0.0, 1.0 / s, -cy / s, 0.0, 0.0, 1.0);
+        let back = Matrix3::new(s, 0.0, cx, 0.0, s, cy, 0.0, 0.0, 1.0);
+        let inner = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0);
+        Homography(back * inner * there).scaled()
+    }
+}
+
+/// The image of a point and its divisor.
+#[inline]
+fn project(h: &Entries, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
+    let w = h[6] * x + h[7] * y + 1.0;
+    (w > 0.05).then(|| [(h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w, w])
+}
+
+/// Six entries from three pairs: rows first (h5, h6, h8 from y alone), then columns.
+fn constrained(pairs: [([f64; 2], [f64; 2]); 3]) -> Option<Entries> {
+    let rows = Matrix3::from_fn(|i, j| {
+        let ([_, y], [_, to]) = pairs[i];
+        [y, 1.0, -y * to][j]
+    });
+    let right = Vector3::from_fn(|i, _| pairs[i].1[1]);
+    let [h5, h6, h8] = solve(rows, right)?;
+    let columns = Matrix3::from_fn(|i, j| [pairs[i].0[0], pairs[i].0[1], 1.0][j]);
+    let right = Vector3::from_fn(|i, _| pairs[i].1[0] * (h8 * pairs[i].0[1] + 1.0));
+    let [h1, h2, h3] = solve(columns, right)?;
+    Some(Entries::from([h1, h2, h3, 0.0, h5, h6, 0.0, h8]))
+}
+
+fn solve(matrix: Matrix3<f64>, right: Vector3<f64>) -> Option<[f64; 3]> {
+    let lu = matrix.lu();
+    (lu.determinant().abs() > 1e-6).then(|| lu.solve(&right)).flatten().map(Into::into)
+}
+
+/// Eight entries from four pairs (direct linear transformation, h9 = 1).
+fn general(pairs: [([f64; 2], [f64; 2]); 4]) -> Option<Entries> {
+    let mut matrix = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = Entries::zeros();
+    for (i, ([x, y], [u, v])) in pairs.into_iter().enumerate() {
+        let rows = [[x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y], [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y]];
+        for (j, row) in rows.into_iter().enumerate() {
+            matrix.set_row(2 * i + j, &row.into());
+        }
+        right[2 * i] = u;
+        right[2 * i + 1] = v;
+    }
+    let lu = matrix.lu();
+    if lu.determinant().abs() < 1e-9 {
+        return None;
+    }
+    lu.solve(&right)
+}
+
+/// Gauss-Newton on the geometric error with Geman-McClure weights, whose scale shrinks from the threshold to a third of it.
+fn refine(form: Form, tracks: &[Track], frame: &Normal, mut h: Entries, threshold: f64) -> Entries {
+    for round in 0..REFINEMENTS {
+        let scale = threshold * (1.0 - 0.67 * round as f64 / (REFINEMENTS - 1) as f64);
+        let mut normal = SMatrix::<f64, 8, 8>::zeros();
+        let mut right = Entries::zeros();
+        for track in tracks {
+            let (from, to) = frame.pair(track);
+            let Some([px, py, w]) = project(&h, from) else { continue };
+            let (ex, ey) = (to[0] - px, to[1] - py);
+            let [x, y] = from.map(|c| c / w);
+            let weight = 1.0 / (1.0 + (ex * ex + ey * ey) / (scale * scale)).powi(2);
+            let rows = [
+                Entries::from([x, y, 1.0 / w, 0.0, 0.0, 0.0, -px * x, -px * y]),
+                Entries::from([0.0, 0.0, 0.0, x, y, 1.0 / w, -py * x, -py * y]),
+            ];
+            for (row, error) in rows.iter().zip([ex, ey]) {
+                normal.ger(weight, row, row, 1.0);
+                right.axpy(weight * error, row, 1.0);
+            }
+        }
+        if form == Form::Constrained {
+            for fixed in [3, 6] {
+                normal.row_mut(fixed).fill(0.0);
+                normal.column_mut(fixed).fill(0.0);
+                normal[(fixed, fixed)] = 1.0;
+                right[fixed] = 0.0;
+            }
+        }
+        let Some(factor) = normal.cholesky() else { return h };
+        h += factor.solve(&right);
+    }
+    h
 }

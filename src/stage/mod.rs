@@ -3,6 +3,9 @@
 pub mod crop;
 pub mod detect;
 pub mod fit;
+pub mod pyramid;
 pub mod shutter;
 pub mod smooth;
 pub mod track;
+pub mod trust;
+pub mod warp;

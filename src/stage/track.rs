@@ -1,9 +1,18 @@
 //! Pyramidal Lucas-Kanade with a forward-backward check.
+//!
+//! Each point is followed from the coarsest level down (Bouguet's pyramid, the inverse compositional form of Baker and Matthews
+//! 2004 on each level), then followed back. Minimised on each level is the sum over a square patch of (template - picture)^2,
+//! less what a change of brightness and contrast explains. The answer is the mean of both ways, in which the bias of bilinear
+//! interpolation cancels to first order. Coordinates are pixels of the picture.
+
+use crate::frame::{Frame, Track};
+use crate::image::PlaneRef;
+use crate::kernel::{Level, lk};
 
 /// Settings of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
-    /// Side of the square window that is compared (pixels, odd, 9 to 31).
+    /// Side of the square patch that is compared (pixels; 8, 16 or 24).
     pub window: u32,
     /// Largest distance between a point and where it lands when followed forth and back (pixels, 0.05 to 5).
     pub max_round_trip_px: f64,
@@ -11,6 +20,182 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { window: 15, max_round_trip_px: 0.5 }
+        Self { window: 16, max_round_trip_px: 0.5 }
     }
+}
+
+/// A point that is being followed, where it is in the newest frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Feature {
+    /// Place (x, y), pixels.
+    pub at: [f32; 2],
+    /// Name, kept while it is followed.
+    pub id: u32,
+    /// Frame pairs through which it was followed.
+    pub age: u32,
+}
+
+/// Steps at most on a level.
+const MOST_STEPS: usize = 10;
+/// A step shorter than this ends the search on the finest level, and on the others (pixels of that level).
+const SETTLED: [f32; 2] = [0.004, 0.04];
+/// A step or a way longer than this on one level is a point lost (pixels of that level).
+const FARTHEST: f32 = 12.0;
+/// Root mean square difference between both patches above which they are not the same thing (grey levels).
+const MOST_DIFFERENCE: f32 = 22.0;
+
+/// Follows points from one frame to the next.
+#[derive(Debug)]
+pub struct Tracker {
+    params: Params,
+    level: Level,
+}
+
+/// A way along which a point was found.
+#[derive(Clone, Copy)]
+struct Way {
+    shift: [f32; 2],
+    /// Standard deviation of the place that the difference left over suggests, pixels.
+    sigma: f32,
+}
+
+impl Tracker {
+    /// A tracker with the given settings.
+    pub fn new(params: Params, level: Level) -> Self {
+        Self { params, level }
+    }
+
+    /// Follows `features` from `before` into `now`; `guess` says where a point will about be. Those that are found move on,
+    /// the others go; `now.context.tracks` gets one track each, in the same order. Pictures of different size have no tracks.
+    pub fn follow(&self, before: &Frame, now: &mut Frame, features: &mut Vec<Feature>, guess: impl Fn([f64; 2]) -> [f64; 2]) {
+        let Frame { picture, pyramid, context, .. } = now;
+        context.tracks.clear();
+        let same = before.picture.width() == picture.width() && before.picture.height() == picture.height();
+        if !same || before.pyramid.levels.len() != pyramid.levels.len() {
+            features.clear();
+            return;
+        }
+        let follow = match self.params.window {
+            ..=8 => follow_one::<8>,
+            9..=16 => follow_one::<16>,
+            _ => follow_one::<24>,
+        };
+        let (old, new) = (Pyramids::of(before), Pyramids { luma: picture.luma(), levels: &pyramid.levels });
+        let size = [picture.width() as f32, picture.height() as f32];
+        features.retain_mut(|feature| {
+            let [x, y] = feature.at;
+            let [gx, gy] = guess([f64::from(x), f64::from(y)]);
+            let Some((shift, round_trip, sigma)) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y]) else {
+                return false;
+            };
+            let to = [x + shift[0], y + shift[1]];
+            let inside = (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0);
+            if !inside || round_trip > self.params.max_round_trip_px as f32 {
+                return false;
+            }
+            feature.at = to;
+            feature.age += 1;
+            context.tracks.push(Track {
+                from: [f64::from(x), f64::from(y)],
+                to: to.map(f64::from),
+                id: feature.id,
+                age: feature.age,
+                sigma_px: sigma,
+                weight: 1.0,
+            });
+            true
+        });
+    }
+}
+
+/// A picture's luma and its lower levels.
+struct Pyramids<'a> {
+    luma: PlaneRef<'a>,
+    levels: &'a [crate::image::Plane],
+}
+
+impl<'a> Pyramids<'a> {
+    fn of(frame: &'a Frame) -> Self {
+        Self { luma: frame.picture.luma(), levels: &frame.pyramid.levels }
+    }
+
+    /// Level `i`; 0 is the picture.
+    fn plane(&self, i: usize) -> PlaneRef<'a> {
+        if i == 0 { self.luma } else { self.levels[i - 1].as_ref() }
+    }
+}
+
+/// Follows the point `at` forth and back. Gives the mean shift of both ways, the distance between the start and where the way
+/// back ends, and the standard deviation of the shift.
+fn follow_one<const N: usize>(
+    level: Level,
+    old: &Pyramids<'_>,
+    new: &Pyramids<'_>,
+    at: [f32; 2],
+    guess: [f32; 2],
+) -> Option<([f32; 2], f32, f32)> {
+    let forth = descend::<N>(level, old, new, at, guess)?;
+    let there = [at[0] + forth.shift[0], at[1] + forth.shift[1]];
+    let back = descend::<N>(level, new, old, there, guess.map(|g| -g))?;
+    let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
+    let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
+    Some((shift, apart[0].hypot(apart[1]), forth.sigma))
+}
+
+/// Follows a point from the coarsest level to the finest; `None` where it is lost.
+fn descend<const N: usize>(level: Level, old: &Pyramids<'_>, new: &Pyramids<'_>, at: [f32; 2], guess: [f32; 2]) -> Option<Way> {
+    let mut template = lk::Template::<N>::default();
+    let mut way = Way { shift: guess, sigma: f32::INFINITY };
+    for i in (0..=old.levels.len()).rev() {
+        let scale = 1.0 / (1u32 << i) as f32;
+        let here = at.map(|c| (c + 0.5) * scale - 0.5);
+        template.take(level, old.plane(i), here);
+        let start = way.shift.map(|s| s * scale);
+        match align(level, &template, new.plane(i), here, start, SETTLED[i.min(1)]) {
+            Some(found) => way = Way { shift: found.shift.map(|s| s / scale), sigma: found.sigma },
+            // a coarse level may show nothing of what the finest one shows
+            None if i > 0 => {}
+            None => return None,
+        }
+    }
+    Some(way)
+}
+
+/// Gauss-Newton on one level, in its pixels, from the shift `start` on.
+fn align<const N: usize>(
+    level: Level,
+    template: &lk::Template<N>,
+    plane: PlaneRef<'_>,
+    here: [f32; 2],
+    start: [f32; 2],
+    settled: f32,
+) -> Option<Way> {
+    let [xx, xy, yy] = template.gauss_newton;
+    let determinant = xx * yy - xy * xy;
+    let area = (N * N) as f32;
+    // less than half a grey level of slope in the weaker direction is noise
+    let smaller = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
+    if !(smaller > 0.25 * area && determinant > 0.0) {
+        return None;
+    }
+    let mut shift = start;
+    let mut difference = f32::INFINITY;
+    for _ in 0..MOST_STEPS {
+        let step = template.compare(level, plane, [here[0] + shift[0], here[1] + shift[1]]);
+        let [bx, by] = step.rhs;
+        let delta = [(xy * by - yy * bx) / determinant, (xy * bx - xx * by) / determinant];
+        shift = [shift[0] + delta[0], shift[1] + delta[1]];
+        difference = ((step.square - step.sum * step.sum / area) / area).max(0.0).sqrt();
+        let way = (shift[0] - start[0]).hypot(shift[1] - start[1]);
+        if !way.is_finite() || way > FARTHEST {
+            return None;
+        }
+        if delta[0].hypot(delta[1]) < settled {
+            break;
+        }
+    }
+    if difference > MOST_DIFFERENCE {
+        return None;
+    }
+    Some(Way { shift, sigma: difference / smaller.sqrt() })
 }

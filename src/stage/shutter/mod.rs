@@ -1,4 +1,14 @@
 //! Rolling shutter: from tracks to the motion of the camera between frames and of the rows within them.
+//!
+//! Two questions are put to every model: what a pair of frames shows ([`Shutter::observe`]), and where each output pixel of a
+//! frame comes from once the virtual camera's path is chosen ([`Shutter::map`]).
+
+pub mod cho2007;
+
+use crate::frame::{Fit, Track};
+use crate::geometry::{Homography, OutputMap, RowMotion};
+
+use cho2007::Cho2007;
 
 /// Which model of the camera's motion is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,4 +35,88 @@ pub struct Params {
     pub model: Model,
     /// cho2007 alone: which parameter set.
     pub parameters: Parameters,
+}
+
+/// What a pair of frames, the reference and the newest, showed.
+#[derive(Debug)]
+pub struct Pair<'a> {
+    /// Points seen in both.
+    pub tracks: &'a mut [Track],
+    /// Their homography.
+    pub fit: &'a Fit,
+    /// Time from one to the other, seconds.
+    pub interval_s: f64,
+}
+
+/// What is known of one frame's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Motion of the rows within the frame.
+    pub rows: RowMotion,
+    /// Motion since the frame before, the model's own four parameters.
+    pub motion: [f64; 4],
+    /// The camera's path at the frame's reference time, the model's own four parameters.
+    pub path: [f64; 4],
+    /// How far to believe it, 0 to 1.
+    pub confidence: f64,
+}
+
+/// A rolling-shutter model at work.
+#[derive(Debug)]
+pub enum Shutter {
+    /// The paper's.
+    Cho2007(Cho2007),
+}
+
+impl Shutter {
+    /// The model that `params` names, for a camera that reads a frame's rows in `readout_s` seconds (negative: from bottom to
+    /// top).
+    pub fn new(params: &Params, readout_s: f64) -> Self {
+        match params.model {
+            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout_s)),
+        }
+    }
+
+    /// How many frames later a frame's motion is known.
+    pub fn frames_late(&self) -> usize {
+        match self {
+            Self::Cho2007(model) => model.frames_late(),
+        }
+    }
+
+    /// A stream of pictures of `size` (width, height) begins: forgets what was.
+    pub fn begin(&mut self, size: [usize; 2]) {
+        match self {
+            Self::Cho2007(model) => model.begin(size),
+        }
+    }
+
+    /// Takes in what a pair of frames showed.
+    pub fn observe(&mut self, pair: Pair<'_>) {
+        match self {
+            Self::Cho2007(model) => model.observe(&pair),
+        }
+    }
+
+    /// The motion of the last pair's newest frame.
+    pub fn newest(&self) -> Motion {
+        match self {
+            Self::Cho2007(model) => model.newest(),
+        }
+    }
+
+    /// The motion of the last pair's reference frame.
+    pub fn reference(&self) -> Motion {
+        match self {
+            Self::Cho2007(model) => model.reference(),
+        }
+    }
+
+    /// Where output pixels come from, for a frame with the given motion. `smoothed` is the virtual camera's path, `strength`
+    /// the part of the rows' motion that is undone (0 to 1), `view` takes output pixels to the virtual camera's.
+    pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
+        match self {
+            Self::Cho2007(_) => cho2007::map(motion, smoothed, strength, view),
+        }
+    }
 }

@@ -1,0 +1,92 @@
+//! Halving a plane: the pyramid's one pixel loop.
+
+use super::{Level, dispatch};
+use crate::image::{PlaneMut, PlaneRef};
+
+/// Output columns done at a time, so that the vertical sums stay on the stack.
+const BLOCK: usize = 256;
+
+/// Halves `from` into `to` (width and height halved, rounded down), by the separable filter (1 3 3 1) / 8 between pairs of
+/// samples, edges repeated. The centre of output pixel (x, y) is input point (2x + 0.5, 2y + 0.5).
+pub fn halve(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>) {
+    dispatch!(level, halve_body(from: PlaneRef<'_>, to: PlaneMut<'_>))
+}
+
+#[inline(always)]
+fn halve_body(from: PlaneRef<'_>, mut to: PlaneMut<'_>) {
+    let (width, height) = (from.width(), from.height());
+    let (half_width, half_height) = ((width / 2).min(to.width()), (height / 2).min(to.height()));
+    let mut sums = [0u16; 2 * BLOCK + 2];
+    for y in 0..half_height {
+        let rows = [(2 * y).saturating_sub(1), 2 * y, 2 * y + 1, (2 * y + 2).min(height - 1)].map(|y| from.row(y));
+        let out = to.row_mut(y);
+        for start in (0..half_width).step_by(BLOCK) {
+            let count = BLOCK.min(half_width - start);
+            // sums[i] is the vertical sum of input column 2 * start - 1 + i
+            let first = 2 * start;
+            let last = (first + 2 * count + 1).min(width);
+            vertical(rows.map(|row| &row[first..last]), &mut sums[1..]);
+            sums[0] = if start == 0 { sums[1] } else { column(rows, first - 1) };
+            if last - first < 2 * count + 1 {
+                sums[2 * count + 1] = sums[2 * count];
+            }
+            horizontal(&sums[..2 * count + 2], &mut out[start..start + count]);
+        }
+    }
+}
+
+fn column(rows: [&[u8]; 4], x: usize) -> u16 {
+    let [a, b, c, d] = rows.map(|row| u16::from(row[x]));
+    a + 3 * (b + c) + d
+}
+
+#[inline(always)]
+fn vertical([a, b, c, d]: [&[u8]; 4], sums: &mut [u16]) {
+    let n = a.len();
+    let (b, c, d, sums) = (&b[..n], &c[..n], &d[..n], &mut sums[..n]);
+    for i in 0..n {
+        sums[i] = u16::from(a[i]) + 3 * (u16::from(b[i]) + u16::from(c[i])) + u16::from(d[i]);
+    }
+}
+
+#[inline(always)]
+fn horizontal(sums: &[u16], out: &mut [u8]) {
+    for (i, out) in out.iter_mut().enumerate() {
+        let s = &sums[2 * i..2 * i + 4];
+        *out = ((s[0] + 3 * (s[1] + s[2]) + s[3] + 32) >> 6) as u8;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Plane;
+
+    #[test]
+    fn agrees_with_the_definition_on_odd_sizes() {
+        for (w, h) in [(2, 2), (3, 5), (17, 9), (514, 7), (1031, 4), (513, 3)] {
+            let mut from = Plane::<u8>::new(w, h);
+            for (i, s) in from.samples_mut().iter_mut().enumerate() {
+                *s = (i.wrapping_mul(2_654_435_761) >> 13) as u8;
+            }
+            let mut to = Plane::<u8>::new(w / 2, h / 2);
+            for level in Level::all() {
+            to.samples_mut().fill(0);
+            halve(level, from.as_ref(), to.as_mut());
+            for y in 0..h / 2 {
+                for x in 0..w / 2 {
+                    let mut sum = 0u32;
+                    for (j, wj) in [1, 3, 3, 1].into_iter().enumerate() {
+                        for (i, wi) in [1, 3, 3, 1].into_iter().enumerate() {
+                            let sx = (2 * x + i).saturating_sub(1).min(w - 1);
+                            let sy = (2 * y + j).saturating_sub(1).min(h - 1);
+                            sum += wi * wj * u32::from(from.row(sy)[sx]);
+                        }
+                    }
+                    assert_eq!(u32::from(to.row(y)[x]), (sum + 32) >> 6, "{w}x{h} at {x},{y}");
+                }
+            }
+            }
+        }
+    }
+}

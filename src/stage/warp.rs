@@ -1,0 +1,107 @@
+//! One warp per frame, from the input straight to the output: backward, bilinear, of luma and chroma.
+//!
+//! The map from output to input pixels is taken exactly at the nodes of a mesh and interpolated linearly between them, along rows
+//! first; within a cell a row of output pixels then lies on a straight line through the input.
+
+use crate::geometry::OutputMap;
+use crate::image::{PictureMut, PictureRef, PlaneMut, PlaneRef, Sampling, Siting};
+use crate::kernel::{Level, warp};
+
+/// Sides of a mesh cell, luma pixels: wide cells are cheap, and rows of the picture may each move on their own.
+const CELL: [usize; 2] = [16, 8];
+
+/// Draws frames.
+#[derive(Debug)]
+pub struct Warper {
+    level: Level,
+    siting: Siting,
+    columns: usize,
+    /// Input pixels (x, y) of the nodes, row by row.
+    nodes: Vec<[f32; 2]>,
+}
+
+impl Warper {
+    /// A warper for pictures whose 4:2:0 chroma is sited as given.
+    pub fn new(level: Level, siting: Siting) -> Self {
+        Self { level, siting, columns: 0, nodes: Vec::new() }
+    }
+
+    /// Draws `input` into `output`, each output pixel from where `map` says. Points outside the input take its nearest edge. Both
+    /// must have the same chroma; the sizes may differ. Allocates only where the output's size grew.
+    pub fn draw(&mut self, map: &OutputMap, input: PictureRef<'_>, output: &mut PictureMut<'_>) {
+        self.take_nodes(map, [output.width(), output.height()]);
+        let chroma = (input.sampling == output.sampling).then(|| input.sampling.shift()).flatten();
+        for (i, (from, to)) in input.planes.into_iter().zip(&mut output.planes).enumerate() {
+            let (scale, offset) = if i == 0 {
+                ([1.0, 1.0], [0.0, 0.0])
+            } else {
+                match chroma {
+                    Some((x, y)) => ([(1 << x) as f32, (1 << y) as f32], chroma_offset(output.sampling, self.siting)),
+                    None => {
+                        to.fill(128);
+                        continue;
+                    }
+                }
+            };
+            self.draw_plane(from, to, scale, offset);
+        }
+    }
+
+    fn take_nodes(&mut self, map: &OutputMap, [width, height]: [usize; 2]) {
+        self.columns = width.div_ceil(CELL[0]) + 1;
+        let rows = height.div_ceil(CELL[1]) + 1;
+        self.nodes.resize(self.columns * rows, [0.0; 2]);
+        for (j, row) in self.nodes.chunks_exact_mut(self.columns).enumerate() {
+            for (i, node) in row.iter_mut().enumerate() {
+                *node = map.apply([(i * CELL[0]) as f64, (j * CELL[1]) as f64]).map(|c| c as f32);
+            }
+        }
+    }
+
+    /// Draws a plane whose sample (x, y) lies at luma pixel (x, y) * `scale` + `offset`.
+    fn draw_plane(&self, from: PlaneRef<'_>, to: &mut PlaneMut<'_>, scale: [f32; 2], offset: [f32; 2]) {
+        let width = to.width();
+        let cell = [CELL[0] as f32, CELL[1] as f32];
+        let last_row = self.nodes.len() / self.columns - 2;
+        for y in 0..to.height() {
+            let luma_y = y as f32 * scale[1] + offset[1];
+            let row = ((luma_y / cell[1]) as usize).min(last_row);
+            let part = luma_y / cell[1] - row as f32;
+            let (above, below) = self.nodes[row * self.columns..(row + 2) * self.columns].split_at(self.columns);
+            let node = |i: usize| [0, 1].map(|c| above[i][c] + (below[i][c] - above[i][c]) * part);
+            let out = to.row_mut(y);
+            let (mut x, mut left) = (0, node(0));
+            for i in 0..self.columns - 1 {
+                let right = node(i + 1);
+                // the samples of this cell: those left of its right edge
+                let edge = ((i + 1) as f32 * cell[0] - offset[0]) / scale[0];
+                let end = if i + 2 == self.columns { width } else { (edge.ceil() as usize).min(width) };
+                if end > x {
+                    let line = [0, 1].map(|c| {
+                        let step = (right[c] - left[c]) / cell[0];
+                        let start = left[c] + step * (x as f32 * scale[0] + offset[0] - i as f32 * cell[0]);
+                        (fixed((start - offset[c]) / scale[c]), fixed(step * scale[0] / scale[c]))
+                    });
+                    let line = warp::Line { start: line.map(|l| l.0), step: line.map(|l| l.1) };
+                    warp::span(self.level, from, line, &mut out[x..end]);
+                    x = end;
+                }
+                left = right;
+            }
+        }
+    }
+}
+
+/// 16.16 fixed point; what does not fit goes to the nearest that does, what is no number to 0.
+fn fixed(value: f32) -> i32 {
+    (value * warp::ONE as f32).round() as i32
+}
+
+/// Luma pixel (x, y) on which the first chroma sample lies.
+fn chroma_offset(sampling: Sampling, siting: Siting) -> [f32; 2] {
+    match (sampling, siting) {
+        (Sampling::S420, Siting::Centre) => [0.5, 0.5],
+        (Sampling::S420, Siting::Left) => [0.0, 0.5],
+        _ => [0.0, 0.0],
+    }
+}
