@@ -4,6 +4,7 @@ pub mod device;
 pub mod frame;
 pub mod geometry;
 pub mod image;
+pub mod kernel;
 pub mod pipeline;
 pub mod rt;
 pub mod stage;

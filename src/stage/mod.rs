@@ -6,3 +6,4 @@ pub mod fit;
 pub mod shutter;
 pub mod smooth;
 pub mod track;
+pub mod unpack;

@@ -1,0 +1,100 @@
+//! Pixel loops, the one place with SIMD. Scalar code is the law: every other variant gives the same bits.
+//!
+//! Most kernels here are plain loops that the compiler vectorizes by itself once it may use wider registers; [`dispatch!`]
+//! compiles such a body twice and picks one at run time. Where a hand-written variant pays, it stands beside its scalar form.
+
+pub mod convert;
+
+use std::sync::OnceLock;
+
+/// The name of the environment variable that caps [`Level::detected`]: `scalar` or `avx2`.
+pub const LEVEL_VARIABLE: &str = "GIMBALD_SIMD";
+
+/// An instruction set that this processor has: holding the value is the proof. Kernels take it as an argument.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Level(Set);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Set {
+    Scalar,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+}
+
+impl Level {
+    /// What every processor has.
+    pub const SCALAR: Self = Self(Set::Scalar);
+
+    /// The best level of this processor, capped by [`LEVEL_VARIABLE`] (an unknown word there caps nothing). Found once.
+    pub fn detected() -> Self {
+        static FOUND: OnceLock<Level> = OnceLock::new();
+        *FOUND.get_or_init(|| Self::capped(std::env::var(LEVEL_VARIABLE).ok().as_deref()))
+    }
+
+    /// The best level of this processor that `cap` allows.
+    fn capped(cap: Option<&str>) -> Self {
+        if cap == Some("scalar") {
+            return Self::SCALAR;
+        }
+        Self::best()
+    }
+
+    /// The best level of this processor.
+    fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            return Self(Set::Avx2);
+        }
+        Self::SCALAR
+    }
+
+    /// Every level of this processor, the scalar one first; for tests that compare them.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [Self::SCALAR, Self::best()].into_iter().take(if Self::best() == Self::SCALAR { 1 } else { 2 })
+    }
+
+    /// Whether AVX2 and FMA may be used.
+    #[inline]
+    pub fn has_avx2(self) -> bool {
+        self != Self::SCALAR
+    }
+
+    /// The name under which reports show it.
+    pub fn name(self) -> &'static str {
+        if self.has_avx2() { "avx2" } else { "scalar" }
+    }
+}
+
+/// `dispatch!(level, body(arg: Type, ...) -> Type)` calls the `#[inline(always)]` function `body`, compiled once for any
+/// processor and once for AVX2 with FMA, whichever `level` says. Rust never contracts a product and a sum by itself, so both give
+/// the same bits. To be the last expression of its function.
+macro_rules! dispatch {
+    ($level:expr, $body:ident $(::<$generic:tt>)? ($($arg:ident: $type:ty),* $(,)?) $(-> $result:ty)?) => {{
+        #[cfg(target_arch = "x86_64")]
+        if $level.has_avx2() {
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($arg: $type),*) $(-> $result)? {
+                $body $(::<$generic>)? ($($arg),*)
+            }
+            // SAFETY: a `Level` says AVX2 only where the processor was found to have AVX2 and FMA.
+            return unsafe { avx2($($arg),*) };
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = $level;
+        $body $(::<$generic>)? ($($arg),*)
+    }};
+}
+pub(crate) use dispatch;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cap_holds() {
+        assert_eq!(Level::capped(Some("scalar")), Level::SCALAR);
+        assert_eq!(Level::capped(Some("avx2")), Level::best());
+        assert_eq!(Level::capped(None), Level::best());
+        assert_eq!(Level::all().next(), Some(Level::SCALAR));
+    }
+}
