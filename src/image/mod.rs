@@ -6,7 +6,9 @@
 mod format;
 mod picture;
 mod plane;
+mod raw;
 
 pub use format::{Colour, PixelFormat, Range, Siting};
 pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
+pub use raw::RawLayout;

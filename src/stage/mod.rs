@@ -8,4 +8,5 @@ pub mod shutter;
 pub mod smooth;
 pub mod track;
 pub mod trust;
+pub mod unpack;
 pub mod warp;
