@@ -153,6 +153,8 @@ pub struct Fit {
 pub struct FrameContext {
     /// Frame's time after the frame before it, seconds; 0 for a stream's first.
     pub interval_s: f64,
+    /// The camera or its driver gave the frame before once more: it shows nothing new.
+    pub repeat: bool,
     /// Points followed from the frame before into this one.
     pub tracks: Vec<Track>,
     /// Their homography.
@@ -175,6 +177,17 @@ pub struct FrameContext {
     pub outcome: Outcome,
     /// Time spent in each stage, nanoseconds, by [`Stage`].
     pub spent_ns: [u64; Stage::ALL.len()],
+}
+
+impl FrameContext {
+    /// Forgets what was found out, keeps the memory and the time that unpacking took.
+    pub fn reset(&mut self) {
+        let mut tracks = std::mem::take(&mut self.tracks);
+        tracks.clear();
+        let mut spent_ns = [0; Stage::ALL.len()];
+        spent_ns[Stage::Unpack as usize] = self.spent_ns[Stage::Unpack as usize];
+        *self = Self { tracks, spent_ns, ..Self::default() };
+    }
 }
 
 /// A frame on its way. Made once, in a pool; nothing in it is allocated per frame after the first few.

@@ -1,10 +1,21 @@
 //! The journey of a frame: capture -> estimate -> render -> give back.
+//!
+//! [`Stabilizer`] has the steps. [`run_inline`] walks them on one thread, for tests and files; [`run_threaded`] on two, for the
+//! service: capture and decoding on one, the rest on the other. Both give the same pictures.
 
-use crate::device::{DeviceError, FrameSink, FrameSource};
-use crate::frame::Frame;
+mod threaded;
+
+use std::collections::VecDeque;
+
+use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
+use crate::frame::{Frame, FrameContext, FrameFlags, HoldReason, Outcome, PassReason, Stage};
 use crate::image::PictureRef;
-use crate::rt::stop::Stop;
-use crate::stage::{crop, detect, fit, shutter, smooth, track};
+use crate::kernel::Level;
+use crate::rt::{clock, stop::Stop};
+use crate::stage::shutter::{Motion, Pair, Shutter};
+use crate::stage::{crop, detect, fit, pyramid, shutter, smooth, track, trust, unpack, warp};
+
+pub use threaded::{Pace, run_threaded};
 
 /// What is known of the camera's optics and sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,10 +86,230 @@ pub struct Totals {
     pub dropped: u64,
 }
 
+/// The steps of the journey, and what each remembers. Holds a frame only for as long as it is looked back at.
+#[derive(Debug)]
+pub struct Stabilizer {
+    params: Params,
+    level: Level,
+    output: [usize; 2],
+    nominal_s: f64,
+    window: crop::Window,
+    detector: detect::Detector,
+    tracker: track::Tracker,
+    features: Vec<track::Feature>,
+    fitter: fit::Fitter,
+    shutter: Shutter,
+    smoother: smooth::Smoother,
+    trust: trust::Trust,
+    warper: warp::Warper,
+    /// Frames under way, oldest first: some sent and still looked back at, then those that wait.
+    slots: VecDeque<Slot>,
+    /// Capture time of the frame that got its place on the path last.
+    placed_ns: Option<i64>,
+}
+
+/// A frame under way.
+#[derive(Debug)]
+struct Slot {
+    frame: Box<Frame>,
+    progress: Progress,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    /// Its motion is not known yet.
+    Waiting,
+    /// It can be drawn.
+    Ready,
+    /// It was drawn and sent.
+    Sent,
+}
+
+/// Frames that are under way at a time, at most: what a pool needs.
+pub const FRAMES: usize = 8;
+/// Frames that may wait for their motion; with more of them, what is known is enough.
+const MOST_WAITING: usize = 3;
+
+impl Stabilizer {
+    /// Steps from frames of `input`'s format to pictures of `output`'s size.
+    pub fn new(params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {
+        let level = Level::detected();
+        Self {
+            params: *params,
+            level,
+            output: [output.width as usize, output.height as usize],
+            nominal_s: if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 },
+            window: crop::Window::default(),
+            detector: detect::Detector::new(params.detect),
+            tracker: track::Tracker::new(params.track, level),
+            features: Vec::with_capacity(2 * params.detect.points as usize),
+            fitter: fit::Fitter::new(params.fit),
+            shutter: Shutter::new(&params.shutter, params.camera.readout_ms / 1000.0),
+            smoother: smooth::Smoother::new(&params.smooth),
+            trust: trust::Trust::default(),
+            warper: warp::Warper::new(level, input.colour.siting),
+            slots: VecDeque::with_capacity(FRAMES),
+            placed_ns: None,
+        }
+    }
+
+    /// Takes a frame in and finds out how the camera moved.
+    pub fn take_in(&mut self, mut frame: Box<Frame>) {
+        frame.context.reset();
+        if self.slots.iter().filter(|slot| slot.progress == Progress::Waiting).count() >= MOST_WAITING {
+            self.settle_waiting(self.shutter.newest());
+        }
+        let reference = self.reference();
+        if !frame.intact {
+            frame.context.outcome = Outcome::Held(HoldReason::Damaged);
+            self.slots.push_back(Slot { frame, progress: Progress::Ready });
+            return;
+        }
+        match reference.filter(|&i| size(&self.slots[i].frame) == size(&frame)) {
+            None => self.begin(&mut frame),
+            Some(reference) => {
+                self.compare(reference, &mut frame);
+                if self.shutter.frames_late() == 1 && !frame.context.repeat {
+                    self.settle_waiting(self.shutter.reference());
+                }
+            }
+        }
+        self.slots.push_back(Slot { frame, progress: Progress::Waiting });
+        if self.shutter.frames_late() == 0 {
+            self.settle_waiting(self.shutter.newest());
+        }
+    }
+
+    /// The newest frame with a picture of its own: what the next is compared with.
+    fn reference(&self) -> Option<usize> {
+        self.slots.iter().rposition(|slot| slot.frame.intact && !slot.frame.context.repeat)
+    }
+
+    /// A stream begins, or begins anew in another size: there is nothing to compare the frame with.
+    fn begin(&mut self, frame: &mut Frame) {
+        self.settle_waiting(self.shutter.newest());
+        self.window = crop::Window::new(&self.params.crop, size(frame), self.output);
+        self.features.clear();
+        self.shutter.begin(size(frame));
+        self.smoother.begin();
+        self.trust = trust::Trust::default();
+        self.placed_ns = None;
+        frame.context.outcome = Outcome::PassedThrough(PassReason::First);
+        timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
+    }
+
+    /// Compares the frame with the reference: pyramid, corners, tracks, homography, camera motion.
+    fn compare(&mut self, reference: usize, frame: &mut Frame) {
+        let before = &*self.slots[reference].frame;
+        let interval_s = seconds_between(before.stamp.time_ns, frame.stamp.time_ns, self.nominal_s);
+        frame.context.interval_s = interval_s;
+        timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
+        timed(frame, Stage::Detect, |_| self.detector.replenish(before, &mut self.features));
+        timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features, |at| at));
+        timed(frame, Stage::Fit, |frame| {
+            let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
+            *fit = self.fitter.fit(tracks);
+            *repeat = fit::is_repeat(tracks, &before.context.tracks);
+        });
+        timed(frame, Stage::Shutter, |frame| {
+            let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
+            if !*repeat {
+                self.shutter.observe(Pair { tracks, fit, interval_s });
+            }
+        });
+    }
+
+    /// Gives every frame that waits its motion.
+    fn settle_waiting(&mut self, motion: Motion) {
+        for i in 0..self.slots.len() {
+            if self.slots[i].progress == Progress::Waiting {
+                self.place(i, motion);
+                self.slots[i].progress = Progress::Ready;
+            }
+        }
+    }
+
+    /// Chooses the virtual camera's place for a frame, and with it where each output pixel comes from.
+    fn place(&mut self, index: usize, motion: Motion) {
+        let frame = &mut *self.slots[index].frame;
+        let interval_s = self.placed_ns.map_or(0.0, |before| seconds_between(before, frame.stamp.time_ns, self.nominal_s));
+        self.placed_ns = Some(frame.stamp.time_ns);
+        timed(frame, Stage::Smooth, |frame| {
+            let context = &mut frame.context;
+            let wanted = self.smoother.step(motion.path, interval_s);
+            let trust = self.trust.step(motion.confidence, interval_s);
+            let view = self.window.view();
+            let place = |part: f64| std::array::from_fn(|i| motion.path[i] + part * trust * (wanted[i] - motion.path[i]));
+            let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
+            let part = self.window.allowed(&view, |part| self.shutter.map(&motion, place(part), rows, &view));
+            (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
+            context.smoothed = place(part);
+            context.trust = trust;
+            context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
+            context.crop_use = self.window.reach(&context.map, &view);
+            if context.outcome == Outcome::Pending {
+                context.outcome = if trust > 0.0 { Outcome::Stabilized } else { Outcome::PassedThrough(PassReason::LostTrack) };
+            }
+        });
+    }
+
+    /// The stream ends: what still waits is settled with what is known.
+    pub fn end(&mut self) {
+        self.settle_waiting(self.shutter.newest());
+    }
+
+    /// Draws and sends the oldest frame that was not, if it is ready. Gives back its outcome.
+    ///
+    /// # Errors
+    /// What the sink reports.
+    pub fn emit(&mut self, sink: &mut dyn FrameSink, observer: &mut dyn Observer) -> Result<Option<Outcome>, DeviceError> {
+        let Some(index) = self.slots.iter().position(|slot| slot.progress != Progress::Sent) else { return Ok(None) };
+        if self.slots[index].progress != Progress::Ready {
+            return Ok(None);
+        }
+        // a damaged frame shows the last intact one again, from the same place
+        let shown = self.slots.iter().take(index + 1).rposition(|slot| slot.frame.intact);
+        if let Some(shown) = shown.filter(|&shown| shown != index) {
+            let FrameContext { map, crop_use, .. } = self.slots[shown].frame.context;
+            let context = &mut self.slots[index].frame.context;
+            (context.map, context.crop_use) = (map, crop_use);
+        }
+        let started = clock::monotonic_ns();
+        let mut canvas = sink.canvas()?;
+        match shown.map(|shown| &self.slots[shown].frame) {
+            Some(frame) => self.warper.draw(&self.slots[index].frame.context.map, frame.picture.as_ref(), &mut canvas),
+            None => canvas.blacken(),
+        }
+        let frame = &mut *self.slots[index].frame;
+        let drawn = clock::monotonic_ns();
+        observer.drawn(frame, canvas.as_ref());
+        let seen = clock::monotonic_ns();
+        sink.submit(&frame.stamp)?;
+        frame.context.spent_ns[Stage::Warp as usize] = drawn.saturating_sub(started) as u64;
+        frame.context.spent_ns[Stage::Submit as usize] = clock::monotonic_ns().saturating_sub(seen) as u64;
+        observer.sent(frame);
+        self.slots[index].progress = Progress::Sent;
+        Ok(Some(self.slots[index].frame.context.outcome))
+    }
+
+    /// A frame that nobody looks back at any more, to be filled anew.
+    pub fn give_back(&mut self) -> Option<Box<Frame>> {
+        let reference = self.reference();
+        let shown_again = |i: usize| {
+            let behind = self.slots.range(i + 1..).take_while(|slot| !slot.frame.intact);
+            self.slots[i].frame.intact && behind.into_iter().any(|slot| slot.progress != Progress::Sent)
+        };
+        let free = (0..self.slots.len())
+            .find(|&i| self.slots[i].progress == Progress::Sent && Some(i) != reference && !shown_again(i))?;
+        self.slots.remove(free).map(|slot| slot.frame)
+    }
+}
+
 /// Carries every frame of `source` to `sink` on the caller's thread. Ends when the source ends or `stop` is set.
 ///
 /// # Errors
-/// What source and sink report; frames sent before stay sent, and the sink is finished.
+/// What source and sink report; frames sent before stay sent, those that wait are sent where that can be, and the sink is
+/// finished.
 pub fn run_inline(
     source: &mut dyn FrameSource,
     sink: &mut dyn FrameSink,
@@ -86,6 +317,92 @@ pub fn run_inline(
     stop: &Stop,
     observer: &mut dyn Observer,
 ) -> Result<Totals, DeviceError> {
-    let _ = (source, sink, params, stop, observer);
-    Ok(Totals::default())
+    let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
+    let (mut capture, mut totals) = (Capture::default(), Totals::default());
+    let mut pool = Vec::with_capacity(FRAMES);
+    let ended = loop {
+        if stop.is_set() {
+            break Ok(());
+        }
+        let mut frame: Box<Frame> = pool.pop().unwrap_or_default();
+        match source.lend() {
+            Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
+            Ok(Lent::Idle) => {
+                pool.push(frame);
+                continue;
+            }
+            Ok(Lent::End) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+        totals.count_in(&frame);
+        stabilizer.take_in(frame);
+        totals.emit_all(&mut stabilizer, sink, observer, |frame| pool.push(frame))?;
+    };
+    stabilizer.end();
+    totals.emit_all(&mut stabilizer, sink, observer, drop)?;
+    sink.finish()?;
+    ended.map(|()| totals)
+}
+
+impl Totals {
+    fn count_in(&mut self, frame: &Frame) {
+        self.frames_in += 1;
+        self.damaged += u64::from(!frame.intact);
+    }
+
+    /// Sends all that is ready and gives back what is not needed any more.
+    fn emit_all(
+        &mut self,
+        stabilizer: &mut Stabilizer,
+        sink: &mut dyn FrameSink,
+        observer: &mut dyn Observer,
+        mut give_back: impl FnMut(Box<Frame>),
+    ) -> Result<(), DeviceError> {
+        while let Some(outcome) = stabilizer.emit(sink, observer)? {
+            self.frames_out += 1;
+            match outcome {
+                Outcome::Stabilized | Outcome::Pending => self.stabilized += 1,
+                Outcome::Held(_) => self.held += 1,
+                Outcome::PassedThrough(_) => self.passed_through += 1,
+            }
+        }
+        while let Some(frame) = stabilizer.give_back() {
+            give_back(frame);
+        }
+        Ok(())
+    }
+}
+
+/// The first step: raw bytes into a frame.
+#[derive(Debug, Default)]
+struct Capture(unpack::Unpack);
+
+impl Capture {
+    /// Fills `frame`; a frame whose data is damaged is not intact, and that is all.
+    fn fill(&mut self, raw: &RawFrame<'_>, frame: &mut Frame) {
+        let started = clock::monotonic_ns();
+        let RawFrame { format, bytes, stamp } = *raw;
+        frame.stamp = stamp;
+        frame.intact = !stamp.flags.contains(FrameFlags::ERROR)
+            && self.0.unpack(format.pixel, (format.width, format.height), format.stride, bytes, &mut frame.picture).is_ok();
+        frame.context.spent_ns[Stage::Unpack as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
+    }
+}
+
+/// Takes the time of a stage.
+fn timed(frame: &mut Frame, stage: Stage, step: impl FnOnce(&mut Frame)) {
+    let started = clock::monotonic_ns();
+    step(frame);
+    frame.context.spent_ns[stage as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
+}
+
+fn size(frame: &Frame) -> [usize; 2] {
+    [frame.picture.width(), frame.picture.height()]
+}
+
+/// Seconds from one capture time to another; the nominal interval where a clock stands still or runs back, and never so long
+/// that a stall would count as motion.
+fn seconds_between(before_ns: i64, now_ns: i64, nominal_s: f64) -> f64 {
+    let seconds = now_ns.saturating_sub(before_ns) as f64 * 1e-9;
+    if seconds > 0.0 { seconds.min(1.0) } else { nominal_s }
 }

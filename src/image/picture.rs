@@ -134,6 +134,14 @@ impl PictureMut<'_> {
         self.planes[0].height()
     }
 
+    /// Makes the picture black (limited range).
+    pub fn blacken(&mut self) {
+        let [y, u, v] = &mut self.planes;
+        y.fill(16);
+        u.fill(128);
+        v.fill(128);
+    }
+
     /// The same picture, read-only.
     pub fn as_ref(&self) -> PictureRef<'_> {
         PictureRef { sampling: self.sampling, planes: self.planes.each_ref().map(PlaneMut::as_ref) }

@@ -63,7 +63,12 @@ impl Place {
 /// Gives `count` + 1 rows of `count` + 1 samples from (`x`, `y`) on: of the plane itself where they lie inside, else of a
 /// scratch copy whose edges repeat.
 #[inline(always)]
-fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH], place: &Place, count: usize) -> (&'a [u8], usize) {
+fn window<'a>(
+    plane: &'a PlaneRef<'_>,
+    scratch: &'a mut [[u8; SCRATCH]; SCRATCH],
+    place: &Place,
+    count: usize,
+) -> (&'a [u8], usize) {
     let (w, h, n) = (plane.width() as isize, plane.height() as isize, count as isize + 1);
     if place.x >= 0 && place.y >= 0 && place.x + n <= w && place.y + n <= h {
         return (&plane.samples()[place.y as usize * plane.stride() + place.x as usize..], plane.stride());

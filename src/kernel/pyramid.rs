@@ -71,21 +71,21 @@ mod tests {
             }
             let mut to = Plane::<u8>::new(w / 2, h / 2);
             for level in Level::all() {
-            to.samples_mut().fill(0);
-            halve(level, from.as_ref(), to.as_mut());
-            for y in 0..h / 2 {
-                for x in 0..w / 2 {
-                    let mut sum = 0u32;
-                    for (j, wj) in [1, 3, 3, 1].into_iter().enumerate() {
-                        for (i, wi) in [1, 3, 3, 1].into_iter().enumerate() {
-                            let sx = (2 * x + i).saturating_sub(1).min(w - 1);
-                            let sy = (2 * y + j).saturating_sub(1).min(h - 1);
-                            sum += wi * wj * u32::from(from.row(sy)[sx]);
+                to.samples_mut().fill(0);
+                halve(level, from.as_ref(), to.as_mut());
+                for y in 0..h / 2 {
+                    for x in 0..w / 2 {
+                        let mut sum = 0u32;
+                        for (j, wj) in [1, 3, 3, 1].into_iter().enumerate() {
+                            for (i, wi) in [1, 3, 3, 1].into_iter().enumerate() {
+                                let sx = (2 * x + i).saturating_sub(1).min(w - 1);
+                                let sy = (2 * y + j).saturating_sub(1).min(h - 1);
+                                sum += wi * wj * u32::from(from.row(sy)[sx]);
+                            }
                         }
+                        assert_eq!(u32::from(to.row(y)[x]), (sum + 32) >> 6, "{w}x{h} at {x},{y}");
                     }
-                    assert_eq!(u32::from(to.row(y)[x]), (sum + 32) >> 6, "{w}x{h} at {x},{y}");
                 }
-            }
             }
         }
     }

@@ -71,7 +71,8 @@ impl Fitter {
         let threshold = self.params.threshold_px / frame.scale;
         let Some(rough) = self.search(tracks, &frame, threshold) else { return nothing };
         let fine = refine(self.params.form, tracks, &frame, rough, threshold);
-        let inliers = tracks.iter().filter(|track| frame.error(&fine, track).is_some_and(|e| e < threshold * threshold)).count();
+        let inliers =
+            tracks.iter().filter(|track| frame.error(&fine, track).is_some_and(|e| e < threshold * threshold)).count();
         let homography = frame.restore(&fine);
         if !homography.is_finite() {
             return nothing;
@@ -128,6 +129,16 @@ impl Fitter {
         z ^= z >> 31;
         ((u128::from(z) * below as u128) >> 64) as usize
     }
+}
+
+/// Whether a frame shows the one before once more: nothing moved by more than codecs move it, where the pair before did move.
+/// A camera that stands still repeats nothing in this sense.
+pub fn is_repeat(tracks: &[Track], before: &[Track]) -> bool {
+    let moved = |tracks: &[Track], least: f64| {
+        tracks.iter().filter(|t| (t.to[0] - t.from[0]).hypot(t.to[1] - t.from[1]) > least).count() as f64 / tracks.len() as f64
+    };
+    let enough = tracks.len() >= LEAST_TRACKS && before.len() >= LEAST_TRACKS;
+    enough && moved(tracks, 0.06) < 0.1 && moved(before, 0.4) > 0.8
 }
 
 /// How far to believe a fit: 0 with hardly more inliers than unknowns or one in five, 1 with 40 and one in two.

@@ -85,7 +85,8 @@ impl Tracker {
         features.retain_mut(|feature| {
             let [x, y] = feature.at;
             let [gx, gy] = guess([f64::from(x), f64::from(y)]);
-            let Some((shift, round_trip, sigma)) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y]) else {
+            let Some((shift, round_trip, sigma)) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y])
+            else {
                 return false;
             };
             let to = [x + shift[0], y + shift[1]];

@@ -99,8 +99,12 @@ impl Cho2007 {
             reference.confidence = reference.confidence.min(0.5);
         }
         let path = motion.after(zoom(reference.path));
-        let newest =
-            Motion { rows: RowMotion::Uniform { motion: next, rows }, motion: parameters(motion), path: parameters(path), confidence };
+        let newest = Motion {
+            rows: RowMotion::Uniform { motion: next, rows },
+            motion: parameters(motion),
+            path: parameters(path),
+            confidence,
+        };
         self.known = [reference, newest];
     }
 

@@ -1,0 +1,150 @@
+//! The same journey on two threads: one captures and decodes, the caller's does the rest.
+//!
+//! Frames live in a pool: empty ones go to the capture thread through a free list, full ones come back through a mailbox. Live,
+//! the mailbox holds one frame and a newer one takes its place, so latency never builds up; from a file nothing is given up
+//! and the faster side waits. Each loop ends when the channel before it closes.
+
+use crossbeam_channel::{Receiver, Sender, TryRecvError, bounded};
+
+use super::{Capture, FRAMES, Observer, Params, Stabilizer, Totals};
+use crate::device::{DeviceError, FrameSink, FrameSource, Lent};
+use crate::frame::Frame;
+use crate::rt::stop::Stop;
+
+/// What happens when frames come faster than they can be carried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// The stalest one goes.
+    Live,
+    /// The source waits.
+    Lossless,
+}
+
+/// As [`super::run_inline`], with capture and decoding on a thread of their own.
+///
+/// # Errors
+/// As [`super::run_inline`].
+pub fn run_threaded(
+    source: &mut dyn FrameSource,
+    sink: &mut dyn FrameSink,
+    params: &Params,
+    stop: &Stop,
+    observer: &mut dyn Observer,
+    pace: Pace,
+) -> Result<Totals, DeviceError> {
+    let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
+    let (free, empty) = bounded::<Box<Frame>>(FRAMES);
+    for _ in 0..FRAMES {
+        // the channel has room for every frame there is, so neither this nor giving back ever fails
+        let _ = free.send(Box::default());
+    }
+    let (full, mailbox) = bounded::<Box<Frame>>(match pace {
+        Pace::Live => 1,
+        Pace::Lossless => 2,
+    });
+    let stealing = (pace == Pace::Live).then(|| mailbox.clone());
+    std::thread::scope(|scope| {
+        let capture = std::thread::Builder::new().name("capture".into()).spawn_scoped(scope, move || {
+            let hand_over = HandOver { empty, full, stealing };
+            hand_over.run(source, stop)
+        });
+        let capture = capture.map_err(|error| DeviceError::io("capture thread", "start", error))?;
+        let mut totals = Totals::default();
+        let sent = carry(&mailbox, &free, &mut stabilizer, sink, observer, &mut totals);
+        if sent.is_err() {
+            // nothing can be sent any more: the source need not go on
+            stop.set();
+        }
+        drop((mailbox, free));
+        let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        totals.frames_in = captured.frames_in;
+        totals.damaged = captured.damaged;
+        totals.dropped = captured.dropped;
+        sent?;
+        sink.finish()?;
+        ended.map(|()| totals)
+    })
+}
+
+/// The caller's side: until the mailbox closes.
+fn carry(
+    mailbox: &Receiver<Box<Frame>>,
+    free: &Sender<Box<Frame>>,
+    stabilizer: &mut Stabilizer,
+    sink: &mut dyn FrameSink,
+    observer: &mut dyn Observer,
+    totals: &mut Totals,
+) -> Result<(), DeviceError> {
+    let give_back = |frame| {
+        let _ = free.send(frame);
+    };
+    while let Ok(frame) = mailbox.recv() {
+        stabilizer.take_in(frame);
+        totals.emit_all(stabilizer, sink, observer, give_back)?;
+    }
+    stabilizer.end();
+    totals.emit_all(stabilizer, sink, observer, give_back)
+}
+
+/// The capture thread's ends of the channels.
+struct HandOver {
+    empty: Receiver<Box<Frame>>,
+    full: Sender<Box<Frame>>,
+    /// Live: where a stale frame is taken back from. From a file there is none, so that the channel closes with the other side.
+    stealing: Option<Receiver<Box<Frame>>>,
+}
+
+impl HandOver {
+    /// Until the source ends, `stop` is set or nobody takes frames any more.
+    fn run(self, source: &mut dyn FrameSource, stop: &Stop) -> (Totals, Result<(), DeviceError>) {
+        let (mut capture, mut totals) = (Capture::default(), Totals::default());
+        let mut spare = None;
+        while !stop.is_set() {
+            let Some(mut frame) = spare.take().or_else(|| self.next_empty(&mut totals)) else { break };
+            match source.lend() {
+                Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
+                Ok(Lent::Idle) => {
+                    spare = Some(frame);
+                    continue;
+                }
+                Ok(Lent::End) => break,
+                Err(error) => return (totals, Err(error)),
+            }
+            totals.count_in(&frame);
+            if !self.send(frame, &mut spare, &mut totals) {
+                break;
+            }
+        }
+        (totals, Ok(()))
+    }
+
+    /// A frame to fill. Live, where none is free, the one that waits in the mailbox: it is staler than the one to come.
+    fn next_empty(&self, totals: &mut Totals) -> Option<Box<Frame>> {
+        if let Some(stealing) = &self.stealing {
+            match self.empty.try_recv() {
+                Ok(frame) => return Some(frame),
+                Err(TryRecvError::Disconnected) => return None,
+                Err(TryRecvError::Empty) => {}
+            }
+            if let Ok(stale) = stealing.try_recv() {
+                totals.dropped += 1;
+                return Some(stale);
+            }
+        }
+        self.empty.recv().ok()
+    }
+
+    /// Hands a frame over; false when nobody takes it.
+    fn send(&self, frame: Box<Frame>, spare: &mut Option<Box<Frame>>, totals: &mut Totals) -> bool {
+        let Some(stealing) = &self.stealing else { return self.full.send(frame).is_ok() };
+        let Err(error) = self.full.try_send(frame) else { return true };
+        if error.is_disconnected() {
+            return false;
+        }
+        if let Ok(stale) = stealing.try_recv() {
+            totals.dropped += 1;
+            *spare = Some(stale);
+        }
+        self.full.send(error.into_inner()).is_ok()
+    }
+}
