@@ -3,12 +3,19 @@
 //! A source *lends* frames: the bytes belong to the driver's buffer or the file's page and come home when the borrow ends, so
 //! nobody can read memory that is being written anew. A sink lends its canvas, so the warp can write straight into it.
 
+pub mod digest;
 mod error;
+mod input;
+pub mod null;
+mod output;
+pub mod y4m;
 
 pub use error::DeviceError;
+pub use input::Input;
+pub use output::Output;
 
 use crate::frame::Stamp;
-use crate::image::{Colour, PictureMut, PixelFormat, Sampling};
+use crate::image::{Colour, Picture, PictureMut, PixelFormat, Sampling};
 
 /// What a stream consists of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +58,28 @@ impl StreamFormat {
             PixelFormat::I444 => Sampling::S444,
             _ => Sampling::S420,
         }
+    }
+
+    /// The planar format of the pictures that frames of this format become (see [`Self::sampling`]), rows without padding.
+    pub fn planar(&self) -> Self {
+        let pixel = match self.sampling() {
+            Sampling::Mono => PixelFormat::Grey,
+            Sampling::S420 => PixelFormat::I420,
+            Sampling::S422 => PixelFormat::I422,
+            Sampling::S444 => PixelFormat::I444,
+        };
+        Self { pixel, stride: pixel.tight_stride(self.width), ..*self }
+    }
+
+    /// An empty picture of this format's size and [`Self::sampling`].
+    pub fn picture(&self) -> Picture {
+        Picture::new(self.sampling(), self.width as usize, self.height as usize)
+    }
+
+    /// Time of frame `n`, nanoseconds after frame 0, frames coming at the nominal interval.
+    pub fn nominal_time_ns(&self, n: u64) -> i64 {
+        let (numerator, denominator) = (i128::from(self.interval.0), i128::from(self.interval.1.max(1)));
+        i64::try_from(i128::from(n) * 1_000_000_000 * numerator / denominator).unwrap_or(i64::MAX)
     }
 
     /// Frames a second; 0 where the interval is not known.

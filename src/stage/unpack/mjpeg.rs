@@ -49,6 +49,12 @@ impl Mjpeg {
         self.copy(level, size, subsampling, into)
     }
 
+    /// Bytes of memory that it holds.
+    #[cfg(test)]
+    pub(super) fn room(&self) -> usize {
+        self.planes.capacity()
+    }
+
     /// Decodes into `self.planes`; says what chroma there is.
     fn decode_planes(&mut self, size: (usize, usize), bytes: &[u8]) -> Result<Subsamp, UnpackError> {
         let decoder = match &mut self.decoder {
