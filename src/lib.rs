@@ -7,5 +7,6 @@ pub mod geometry;
 pub mod image;
 pub mod kernel;
 pub mod pipeline;
+pub mod report;
 pub mod rt;
 pub mod stage;
