@@ -1,10 +1,12 @@
 //! A software gimbal for Linux webcams.
 
+pub mod config;
 pub mod device;
 pub mod frame;
 pub mod geometry;
 pub mod image;
 pub mod kernel;
 pub mod pipeline;
+pub mod report;
 pub mod rt;
 pub mod stage;

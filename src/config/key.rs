@@ -1,0 +1,149 @@
+//! A key: its name, its meaning, what it accepts, and the field behind it.
+
+use std::fmt::Write as _;
+
+use super::Settings;
+
+/// One configuration key.
+#[derive(Clone, Copy, Debug)]
+pub struct Key {
+    /// Section and name, as `smooth.cutoff_hz`.
+    pub name: &'static str,
+    /// Unit of the value; empty where it has none.
+    pub unit: &'static str,
+    /// One sentence for the user.
+    pub doc: &'static str,
+    /// Whether a running daemon can take a new value without reopening a device.
+    pub live: bool,
+    /// What it accepts and where it is kept.
+    pub kind: Kind,
+}
+
+/// What a key accepts, with the doors to its field.
+#[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "get and set read and write the key's field; the variants say the rest")]
+pub enum Kind {
+    /// A real number within `range`, ends included.
+    Number { range: (f64, f64), get: fn(&Settings) -> f64, set: fn(&mut Settings, f64) },
+    /// A whole number within `range`, ends included; where `odd`, an odd one.
+    Count { range: (u64, u64), odd: bool, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
+    /// One of a few words.
+    Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
+    /// Any text that is not empty; numbers are taken as their digits.
+    Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
+}
+
+/// A value as it was written, before it is known to fit its key.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Written {
+    /// A whole number; `None` where it does not fit.
+    Integer(Option<i64>),
+    /// A number with a point or exponent, `nan` or `inf`.
+    Float(f64),
+    /// A word or quoted text.
+    Text(String),
+    /// Something no key accepts, by its TOML name.
+    Other(&'static str),
+}
+
+impl Key {
+    /// The part before the point.
+    pub fn section(&self) -> &'static str {
+        self.name.split_once('.').map_or("", |(section, _)| section)
+    }
+
+    /// The part after the point.
+    pub fn short_name(&self) -> &'static str {
+        self.name.split_once('.').map_or(self.name, |(_, name)| name)
+    }
+
+    /// The value that `settings` has, as TOML writes it.
+    pub fn shown(&self, settings: &Settings) -> String {
+        match &self.kind {
+            Kind::Number { get, .. } => format!("{:?}", get(settings)),
+            Kind::Count { get, .. } => get(settings).to_string(),
+            Kind::Choice { get, .. } => quoted(get(settings)),
+            Kind::Text { get, .. } => quoted(get(settings)),
+        }
+    }
+
+    /// The values that the key accepts, as `0.05 to 10`, without the unit.
+    pub fn range(&self) -> String {
+        match &self.kind {
+            Kind::Number { range: (low, high), .. } => format!("{low} to {high}"),
+            Kind::Count { range: (low, high), odd, .. } => {
+                let odd = if *odd { "odd, " } else { "" };
+                format!("{odd}{low} to {high}")
+            }
+            Kind::Choice { words, .. } => {
+                let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
+                words.join(", ")
+            }
+            Kind::Text { .. } => "any text".into(),
+        }
+    }
+
+    /// What the key expects, as a phrase with range and unit.
+    pub fn expected(&self) -> String {
+        let mut phrase = match &self.kind {
+            Kind::Number { .. } => format!("a number from {}", self.range()),
+            Kind::Count { range: (low, high), odd, .. } => {
+                format!("{} whole number from {low} to {high}", if *odd { "an odd" } else { "a" })
+            }
+            Kind::Choice { words: [word], .. } => quoted(word),
+            Kind::Choice { .. } => format!("one of {}", self.range()),
+            Kind::Text { .. } => "text that is not empty".into(),
+        };
+        if !self.unit.is_empty() {
+            let _ = write!(phrase, " ({})", self.unit);
+        }
+        phrase
+    }
+
+    /// Takes `value` into `settings`; `false`, and nothing is changed, where the key does not accept it.
+    pub(super) fn accept(&self, value: &Written, settings: &mut Settings) -> bool {
+        match (&self.kind, value) {
+            (Kind::Number { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
+                let number = match value {
+                    Written::Integer(Some(whole)) => *whole as f64,
+                    Written::Float(number) => *number,
+                    _ => return false,
+                };
+                let fits = (range.0..=range.1).contains(&number);
+                if fits {
+                    set(settings, number);
+                }
+                fits
+            }
+            (Kind::Count { range, odd, set, .. }, Written::Integer(Some(whole))) => {
+                let Ok(count) = u64::try_from(*whole) else { return false };
+                let fits = (range.0..=range.1).contains(&count) && (!odd || count % 2 == 1);
+                if fits {
+                    set(settings, count);
+                }
+                fits
+            }
+            (Kind::Choice { words, set, .. }, Written::Text(word)) => {
+                let fits = words.contains(&word.as_str());
+                if fits {
+                    set(settings, word);
+                }
+                fits
+            }
+            (Kind::Text { set, .. }, Written::Text(text)) if !text.trim().is_empty() && !text.contains('\0') => {
+                set(settings, text.clone());
+                true
+            }
+            (Kind::Text { set, .. }, Written::Integer(Some(number))) => {
+                set(settings, number.to_string());
+                true
+            }
+            _ => false,
+        }
+    }
+}
+
+/// `text` as a basic TOML string.
+pub(super) fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}

@@ -1,0 +1,306 @@
+//! The table of every configuration key.
+
+use super::{Key, Kind, Level};
+use crate::image::PixelFormat;
+use crate::stage::fit::Form;
+use crate::stage::shutter::{Model, Parameters};
+
+/// A real number: `number!(path.to.field, least..most)`.
+macro_rules! number {
+    ($($field:ident).+, $low:literal to $high:literal) => {
+        Kind::Number { range: ($low, $high), get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value }
+    };
+}
+
+/// A whole number, its range within the field's type.
+macro_rules! count {
+    ($($field:ident).+ : $type:ty, $low:literal to $high:expr) => { count!(@ $($field).+, $type, $low, $high, false) };
+    ($($field:ident).+ : $type:ty, odd $low:literal to $high:expr) => { count!(@ $($field).+, $type, $low, $high, true) };
+    (@ $($field:ident).+, $type:ty, $low:literal, $high:expr, $odd:literal) => {
+        Kind::Count {
+            range: ($low, $high),
+            odd: $odd,
+            get: |s| s.$($field).+ as u64,
+            set: |s, value| s.$($field).+ = value as $type,
+        }
+    };
+}
+
+/// One word of a few: `choice!(path.to.field, "word" => value, ...)`.
+macro_rules! choice {
+    ($($field:ident).+, $($word:literal => $value:expr),+ $(,)?) => {
+        Kind::Choice {
+            words: &[$($word),+],
+            get: |s| {
+                let value = s.$($field).+;
+                $(if value == $value { return $word; })+
+                // Reached only where a field's type has more values than words are written here; a test visits them all.
+                ""
+            },
+            set: |s, word| {
+                let field = &mut s.$($field).+;
+                $(if word == $word { *field = $value; })+
+            },
+        }
+    };
+}
+
+/// Free text.
+macro_rules! text {
+    ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
+/// Every key, section by section, in the order in which the shipped file has them.
+pub const KEYS: &[Key] = &[
+    Key {
+        name: "camera.device",
+        unit: "",
+        doc: "The camera: a path as /dev/video0, a number, or a part of its name; \"auto\" takes the first camera found.",
+        live: false,
+        kind: text!(camera.device),
+    },
+    Key {
+        name: "camera.format",
+        unit: "",
+        doc: "Pixel format asked of the camera; \"auto\" takes the one that costs least at the wanted size and rate.",
+        live: false,
+        kind: choice!(camera.format,
+            "auto" => None,
+            "yuyv" => Some(PixelFormat::Yuyv),
+            "uyvy" => Some(PixelFormat::Uyvy),
+            "nv12" => Some(PixelFormat::Nv12),
+            "i420" => Some(PixelFormat::I420),
+            "i422" => Some(PixelFormat::I422),
+            "i444" => Some(PixelFormat::I444),
+            "grey" => Some(PixelFormat::Grey),
+            "rgb24" => Some(PixelFormat::Rgb24),
+            "bgr24" => Some(PixelFormat::Bgr24),
+            "mjpeg" => Some(PixelFormat::Mjpeg),
+        ),
+    },
+    Key {
+        name: "camera.width",
+        unit: "pixels",
+        doc: "Width asked of the camera; 0 takes the camera's best.",
+        live: false,
+        kind: count!(camera.width: u32, 0 to 8192),
+    },
+    Key {
+        name: "camera.height",
+        unit: "pixels",
+        doc: "Height asked of the camera; 0 takes the camera's best.",
+        live: false,
+        kind: count!(camera.height: u32, 0 to 8192),
+    },
+    Key {
+        name: "camera.fps",
+        unit: "frames a second",
+        doc: "Frame rate asked of the camera; 0 takes the camera's best.",
+        live: false,
+        kind: number!(camera.fps, 0.0 to 240.0),
+    },
+    Key {
+        name: "camera.readout_ms",
+        unit: "ms",
+        doc: "Time from the exposure of the first row to that of the last; negative where the sensor reads from bottom to top.",
+        live: true,
+        kind: number!(pipeline.camera.readout_ms, -100.0 to 100.0),
+    },
+    Key {
+        name: "camera.hfov_deg",
+        unit: "degrees",
+        doc: "Horizontal field of view.",
+        live: true,
+        kind: number!(pipeline.camera.hfov_deg, 10.0 to 170.0),
+    },
+    Key {
+        name: "track.points",
+        unit: "count",
+        doc: "Points followed at a time, spread over the picture.",
+        live: true,
+        kind: count!(pipeline.detect.points: u32, 50 to 2000),
+    },
+    Key {
+        name: "track.min_contrast",
+        unit: "grey levels a pixel",
+        doc: "Least contrast of a corner: the root mean square slope across its weaker direction.",
+        live: true,
+        kind: number!(pipeline.detect.min_contrast, 0.5 to 50.0),
+    },
+    Key {
+        name: "track.window",
+        unit: "pixels",
+        doc: "Side of the square window that is compared around a point.",
+        live: true,
+        kind: count!(pipeline.track.window: u32, odd 9 to 31),
+    },
+    Key {
+        name: "track.max_round_trip_px",
+        unit: "pixels",
+        doc: "Largest distance between a point and where it lands when followed forth and back; farther ones are dropped.",
+        live: true,
+        kind: number!(pipeline.track.max_round_trip_px, 0.05 to 5.0),
+    },
+    Key {
+        name: "fit.form",
+        unit: "",
+        doc: "Entries of the homography that are free: the six that a camera without roll has, or all eight.",
+        live: true,
+        kind: choice!(pipeline.fit.form, "constrained" => Form::Constrained, "general" => Form::General),
+    },
+    Key {
+        name: "fit.threshold_px",
+        unit: "pixels",
+        doc: "Distance at which a track stops being an inlier.",
+        live: true,
+        kind: number!(pipeline.fit.threshold_px, 0.2 to 10.0),
+    },
+    Key {
+        name: "fit.seed",
+        unit: "",
+        doc: "Seed of the random choice of hypotheses; the same input and seed give the same bytes.",
+        live: true,
+        kind: count!(pipeline.fit.seed: u64, 0 to i64::MAX as u64),
+    },
+    Key {
+        name: "shutter.model",
+        unit: "",
+        doc: "Model of the motion inside a frame: \"cho2007\" is zoom and translation, constant within a frame interval.",
+        live: false,
+        kind: choice!(pipeline.shutter.model, "cho2007" => Model::Cho2007),
+    },
+    Key {
+        name: "shutter.parameters",
+        unit: "",
+        doc: "cho2007: \"time-t\" looks at the next frame (one frame late, steadier), \"time-t+1\" at the one before (no latency).",
+        live: false,
+        kind: choice!(pipeline.shutter.parameters, "time-t" => Parameters::TimeT, "time-t+1" => Parameters::TimeT1),
+    },
+    Key {
+        name: "smooth.cutoff_hz",
+        unit: "Hz",
+        doc: "Camera motion slower than this is followed, faster is taken out.",
+        live: true,
+        kind: number!(pipeline.smooth.cutoff_hz, 0.05 to 10.0),
+    },
+    Key {
+        name: "crop.zoom",
+        unit: "ratio",
+        doc: "Magnification that hides the moving border; 1.1 shows the picture a tenth larger.",
+        live: true,
+        kind: number!(pipeline.crop.zoom, 1.0 to 2.0),
+    },
+    Key {
+        name: "output.device",
+        unit: "",
+        doc: "The v4l2loopback device: a path, a number, or its label; \"auto\" takes the first one that is free.",
+        live: false,
+        kind: text!(output.device),
+    },
+    Key {
+        name: "output.format",
+        unit: "",
+        doc: "Pixel format that applications get.",
+        live: false,
+        kind: choice!(output.format,
+            "yuyv" => PixelFormat::Yuyv,
+            "i420" => PixelFormat::I420,
+            "nv12" => PixelFormat::Nv12,
+        ),
+    },
+    Key {
+        name: "log.level",
+        unit: "",
+        doc: "Least important messages that are still written.",
+        live: true,
+        kind: choice!(log.level,
+            "error" => Level::Error,
+            "warn" => Level::Warn,
+            "info" => Level::Info,
+            "debug" => Level::Debug,
+            "trace" => Level::Trace,
+        ),
+    },
+];
+
+/// The key of that name.
+pub fn find(name: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.name == name)
+}
+
+/// The key whose name is most like `name`, where one is like it at all: a slip of a few letters, or the right name in the
+/// wrong section.
+pub fn nearest(name: &str) -> Option<&'static Key> {
+    let short = name.rsplit('.').next().unwrap_or(name);
+    let same_short = || KEYS.iter().find(|key| key.short_name() == short && name != key.name);
+    // A name many times longer than any key is no slip; it is also the one thing here whose cost the input decides.
+    if name.len() > 80 {
+        return None;
+    }
+    let (distance, key) = KEYS.iter().map(|key| (edits(name, key.name), key)).min_by_key(|(distance, _)| *distance)?;
+    if distance <= key.name.len() / 3 { Some(key) } else { same_short() }
+}
+
+/// Letters to insert, delete or exchange to get from `a` to `b` (Levenshtein's distance).
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, from) in a.chars().enumerate() {
+        let mut diagonal = i;
+        row[0] = i + 1;
+        for (j, to) in b.iter().enumerate() {
+            let exchanged = diagonal + usize::from(from != *to);
+            diagonal = row[j + 1];
+            row[j + 1] = exchanged.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Settings;
+
+    #[test]
+    fn slips_find_their_key() {
+        for (slip, key) in [
+            ("smooth.cutof_hz", "smooth.cutoff_hz"),
+            ("smooth.cutoff", "smooth.cutoff_hz"),
+            ("crop.zooom", "crop.zoom"),
+            ("zoom", "crop.zoom"),
+            ("camera.readout", "camera.readout_ms"),
+            ("fit.window", "track.window"),
+        ] {
+            assert_eq!(nearest(slip).map(|key| key.name), Some(key), "{slip}");
+        }
+        assert!(nearest("volume").is_none());
+        assert!(nearest(&"x".repeat(100_000)).is_none());
+    }
+
+    #[test]
+    fn every_word_is_taken_and_shown_again() {
+        for key in KEYS {
+            if let Kind::Choice { words, get, set } = key.kind {
+                for word in words {
+                    let mut settings = Settings::default();
+                    set(&mut settings, word);
+                    assert_eq!(get(&settings), *word, "{}", key.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_unique_and_sections_together() {
+        let mut seen: Vec<&str> = Vec::new();
+        for (index, key) in KEYS.iter().enumerate() {
+            assert!(KEYS[..index].iter().all(|other| other.name != key.name), "{} twice", key.name);
+            assert!(key.name.matches('.').count() == 1 && key.doc.ends_with('.'), "{}", key.name);
+            if seen.last() != Some(&key.section()) {
+                assert!(!seen.contains(&key.section()), "section {} is split", key.section());
+                seen.push(key.section());
+            }
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! Settings as people write them: one table of keys, a TOML file, `--set KEY=VALUE` on top. Opens nothing.
+//!
+//! A new key is one row in [`keys::KEYS`]; the file, the shipped example, `--set`, the README's table and every message
+//! follow from it.
+
+mod fault;
+mod key;
+pub mod keys;
+mod read;
+mod settings;
+mod shipped;
+
+pub use fault::{Fault, Faults, Origin};
+pub use key::{Key, Kind};
+pub use settings::{Capture, Level, Log, Output, Settings};
+pub use shipped::{key_table, shipped_file};

@@ -1,0 +1,165 @@
+//! The reader of settings against right, wrong and random input.
+
+use proptest::prelude::*;
+
+use crate::config::{Kind, Settings, keys, shipped_file};
+use crate::stage::fit::Form;
+
+fn read(text: &str) -> Result<Settings, String> {
+    Settings::read(Some(("gimbald.toml", text)), &[]).map_err(|faults| faults.to_string())
+}
+
+fn set(arguments: &[&str]) -> Result<Settings, String> {
+    let arguments: Vec<String> = arguments.iter().map(|argument| argument.to_string()).collect();
+    Settings::read(None, &arguments).map_err(|faults| faults.to_string())
+}
+
+#[test]
+fn the_shipped_file_is_the_defaults() {
+    assert_eq!(
+        include_str!("../../../config/gimbald.toml"),
+        shipped_file(),
+        "run: gimbald check --defaults > config/gimbald.toml"
+    );
+    assert_eq!(read(&shipped_file()), Ok(Settings::default()));
+}
+
+#[test]
+fn each_key_of_the_shipped_file_is_read() {
+    // The defaults alone would also come out of a reader that reads nothing.
+    let text = "[smooth]\ncutoff_hz = 2\n[fit]\nform = 'general'\nseed = 0x10\n[camera]\ndevice = 3\nfps = 29.97";
+    let settings = read(text).unwrap();
+    assert_eq!(settings.pipeline.smooth.cutoff_hz, 2.0);
+    assert_eq!((settings.pipeline.fit.form, settings.pipeline.fit.seed), (Form::General, 16));
+    assert_eq!((settings.camera.device.as_str(), settings.camera.fps), ("3", 29.97));
+}
+
+#[test]
+fn the_command_line_wins_over_the_file() {
+    let settings = Settings::read(
+        Some(("f", "[crop]\nzoom = 1.2\n[camera]\nreadout_ms = 5")),
+        &["crop.zoom=1.3".into(), "fit.form=general".into(), "camera.device=/dev/video2".into()],
+    )
+    .unwrap();
+    assert_eq!((settings.pipeline.crop.zoom, settings.pipeline.camera.readout_ms), (1.3, 5.0));
+    assert_eq!((settings.pipeline.fit.form, settings.camera.device.as_str()), (Form::General, "/dev/video2"));
+}
+
+#[test]
+fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
+    let text = "[smooth]\ncutof_hz = 1\ncutoff_hz = 50\n\n[fit]\nform = 3\n[crop]\nzoom = [1]\n[track]\nwindow = 10\n";
+    let faults = Settings::read(Some(("g.toml", text)), &["crop.zoom=nan".into(), "nonsense".into()]).unwrap_err();
+    let lines: Vec<String> = faults.0.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        lines,
+        [
+            "g.toml:2: smooth.cutof_hz = 1: no such key; did you mean smooth.cutoff_hz?",
+            "g.toml:3: smooth.cutoff_hz = 50: expected a number from 0.05 to 10 (Hz), found 50; choose such a value, or leave the \
+             key out for the default 0.6",
+            "g.toml:6: fit.form = 3: expected one of \"constrained\", \"general\", found 3; choose such a value, or leave the key \
+             out for the default \"constrained\"",
+            "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2 (ratio), found an array; choose such a value, or leave the \
+             key out for the default 1.1",
+            "g.toml:10: track.window = 10: expected an odd whole number from 9 to 31 (pixels), found 10; choose such a value, or \
+             leave the key out for the default 15",
+            "--set: crop.zoom = nan: expected a number from 1 to 2 (ratio), found NaN; choose such a value, or leave the key out \
+             for the default 1.1",
+            "--set: nonsense: no = between key and value; write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5",
+        ]
+    );
+}
+
+#[test]
+fn broken_toml_is_named_with_its_line() {
+    let message = read("[crop]\nzoom = = 3\n[smooth]\ncutoff_hz = 99\n").unwrap_err();
+    assert!(message.contains("gimbald.toml:2: not valid TOML"), "{message}");
+    assert!(message.contains("gimbald.toml:4: smooth.cutoff_hz = 99"), "what can still be read is judged too: {message}");
+    assert!(read("crop = 3").unwrap_err().contains("crop is a section"));
+    assert!(read("[crop]\nzoom = 1.2\nzoom = 1.3\n").unwrap_err().contains("gimbald.toml:3"), "a key twice");
+}
+
+#[test]
+fn values_of_the_command_line_may_be_words_numbers_or_quoted() {
+    assert_eq!(set(&["output.device=7"]).unwrap().output.device, "7");
+    assert_eq!(set(&["output.device=\"My Cam\""]).unwrap().output.device, "My Cam");
+    assert_eq!(set(&["output.device=My Cam"]).unwrap().output.device, "My Cam");
+    assert_eq!(set(&[" crop.zoom = 1 "]).unwrap().pipeline.crop.zoom, 1.0);
+    for wrong in [
+        "output.device=",
+        "crop.zoom=",
+        "=1",
+        "crop.zoom=wide",
+        "crop.zoom=1\nb=2",
+        "fit.seed=-1",
+        "fit.seed=99999999999999999999",
+    ] {
+        assert!(set(&[wrong]).is_err(), "{wrong:?}");
+    }
+}
+
+/// A key's name or something like it.
+fn names() -> impl Strategy<Value = String> {
+    prop_oneof![
+        (0..keys::KEYS.len()).prop_map(|index| keys::KEYS[index].name.to_owned()),
+        "[a-z_]{1,12}(\\.[a-z_]{1,12}){0,3}",
+        any::<String>(),
+    ]
+}
+
+/// A TOML value or something like it.
+fn values() -> impl Strategy<Value = String> {
+    prop_oneof![
+        any::<f64>().prop_map(|number| number.to_string()),
+        any::<i64>().prop_map(|number| number.to_string()),
+        any::<String>().prop_map(|text| format!("{text:?}")),
+        "[0-9eE+._xa-f-]{0,12}",
+        any::<String>(),
+        Just("[[[{a = 1}]]]".to_owned()),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn random_bytes_are_settings_or_faults(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let text = String::from_utf8_lossy(&bytes);
+        if let Err(faults) = Settings::read(Some(("f", &text)), &[text.to_string()]) {
+            prop_assert!(!faults.0.is_empty() && !faults.to_string().is_empty());
+        }
+    }
+
+    #[test]
+    fn random_keys_and_values_are_settings_within_range_or_faults(
+        pairs in proptest::collection::vec((names(), values()), 0..6),
+    ) {
+        let text: String = pairs.iter().map(|(name, value)| format!("{name} = {value}\n")).collect();
+        let sets: Vec<String> = pairs.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        for settings in [Settings::read(Some(("f", &text)), &[]), Settings::read(None, &sets)].into_iter().flatten() {
+            for key in keys::KEYS {
+                match key.kind {
+                    Kind::Number { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
+                    Kind::Count { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
+                    Kind::Choice { words, get, .. } => prop_assert!(words.contains(&get(&settings))),
+                    Kind::Text { get, .. } => prop_assert!(!get(&settings).is_empty()),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_key_shows_it_reads_again(index in 0..keys::KEYS.len(), number in 0.0f64..1.0, count in any::<u64>()) {
+        let key = &keys::KEYS[index];
+        let mut settings = Settings::default();
+        match key.kind {
+            Kind::Number { range: (low, high), set, .. } => set(&mut settings, low + (high - low) * number),
+            Kind::Count { range: (low, high), odd, set, .. } => {
+                let value = low + count % (high - low + 1);
+                set(&mut settings, if odd { value | 1 } else { value });
+            }
+            Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
+            Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
+        }
+        let file = format!("[{}]\n{} = {}\n", key.section(), key.short_name(), key.shown(&settings));
+        prop_assert_eq!(Settings::read(Some(("f", &file)), &[]).unwrap(), settings.clone());
+        prop_assert_eq!(settings.differing(&Settings::default()).count(), usize::from(settings != Settings::default()));
+    }
+}

@@ -1,0 +1,115 @@
+//! Everything that can be configured, part by part.
+
+use std::fmt;
+
+use super::read;
+use super::{Faults, Key, keys};
+use crate::image::PixelFormat;
+use crate::pipeline::Params;
+
+/// All settings of a run. [`Settings::default`] is what `config/gimbald.toml` says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// What the pipeline and its stages do.
+    pub pipeline: Params,
+    /// Which camera, and in which mode.
+    pub camera: Capture,
+    /// Where the picture goes.
+    pub output: Output,
+    /// What is told.
+    pub log: Log,
+}
+
+/// How a camera is to be opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// Path, number or name of the device; "auto": the first camera that is no loopback.
+    pub device: String,
+    /// Pixel format; `None`: the one that costs least.
+    pub format: Option<PixelFormat>,
+    /// Width (pixels); 0: the camera's best.
+    pub width: u32,
+    /// Height (pixels); 0: the camera's best.
+    pub height: u32,
+    /// Frames a second; 0: the camera's best.
+    pub fps: f64,
+}
+
+impl Default for Capture {
+    fn default() -> Self {
+        Self { device: "auto".into(), format: None, width: 0, height: 0, fps: 0.0 }
+    }
+}
+
+/// How the loopback device is to be opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// Path, number or label of the device; "auto": the first v4l2loopback that is free.
+    pub device: String,
+    /// Pixel format that readers get.
+    pub format: PixelFormat,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self { device: "auto".into(), format: PixelFormat::Yuyv }
+    }
+}
+
+/// What the log holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Log {
+    /// Least important messages that are still written.
+    pub level: Level,
+}
+
+/// Importance of a log message.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Level {
+    /// What failed.
+    Error,
+    /// What will need somebody's attention.
+    Warn,
+    /// What happened.
+    #[default]
+    Info,
+    /// Why it happened.
+    Debug,
+    /// Everything.
+    Trace,
+}
+
+impl fmt::Display for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Error => "error",
+            Self::Warn => "warn",
+            Self::Info => "info",
+            Self::Debug => "debug",
+            Self::Trace => "trace",
+        })
+    }
+}
+
+impl Settings {
+    /// The defaults, then what `file` says (its name, for messages, and its text), then `sets`, each `KEY=VALUE`, in order.
+    ///
+    /// # Errors
+    /// Every fault found, each with its place.
+    pub fn read(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, Faults> {
+        let mut settings = Self::default();
+        let mut faults = Vec::new();
+        if let Some((name, text)) = file {
+            read::file(name, text, &mut settings, &mut faults);
+        }
+        for set in sets {
+            read::set(set, &mut settings, &mut faults);
+        }
+        if faults.is_empty() { Ok(settings) } else { Err(Faults(faults)) }
+    }
+
+    /// The keys whose value differs between `self` and `other`.
+    pub fn differing<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = &'static Key> + 'a {
+        keys::KEYS.iter().filter(move |key| key.shown(self) != key.shown(other))
+    }
+}

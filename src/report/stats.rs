@@ -1,0 +1,127 @@
+//! How long each stage took, and what became of the frames.
+
+use std::time::Instant;
+
+use serde_json::{Map, Value, json};
+
+use super::Histogram;
+use crate::frame::{Frame, Stage};
+use crate::image::PictureRef;
+use crate::pipeline::{Observer, Totals};
+
+/// Times of every stage and of the whole frame, in bounded memory.
+#[derive(Debug)]
+pub struct Stats {
+    stages: [Histogram; Stage::ALL.len()],
+    total: Histogram,
+    started: Instant,
+}
+
+impl Default for Stats {
+    fn default() -> Self {
+        Self { stages: Default::default(), total: Histogram::default(), started: Instant::now() }
+    }
+}
+
+/// Count, median, 99th percentile and maximum, in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Times {
+    /// Frames that went through the stage.
+    pub count: u64,
+    /// Median, ms.
+    pub median_ms: f64,
+    /// 99th percentile, ms.
+    pub p99_ms: f64,
+    /// Maximum, ms.
+    pub max_ms: f64,
+}
+
+impl Stats {
+    /// Times of one stage.
+    pub fn stage(&self, stage: Stage) -> Times {
+        times(&self.stages[stage as usize])
+    }
+
+    /// Times of whole frames: the sums of their stages.
+    pub fn total(&self) -> Times {
+        times(&self.total)
+    }
+
+    /// Everything as JSON, with `totals` of the run. Times in milliseconds; `wall_s` counts from the making of the statistics.
+    pub fn json(&self, totals: &Totals) -> Value {
+        let mut stages = Map::new();
+        for stage in Stage::ALL {
+            stages.insert(stage.name().into(), json_of(self.stage(stage)));
+        }
+        let wall_s = self.started.elapsed().as_secs_f64();
+        json!({
+            "frames": {
+                "in": totals.frames_in,
+                "out": totals.frames_out,
+                "stabilized": totals.stabilized,
+                "held": totals.held,
+                "passed_through": totals.passed_through,
+                "damaged": totals.damaged,
+                "dropped": totals.dropped,
+            },
+            "wall_s": wall_s,
+            "frames_per_s": totals.frames_out as f64 / wall_s.max(1e-9),
+            "stages": stages,
+            "total": json_of(self.total()),
+        })
+    }
+}
+
+impl Observer for Stats {
+    fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
+
+    fn sent(&mut self, frame: &Frame) {
+        let mut total = 0;
+        for (histogram, &ns) in self.stages.iter_mut().zip(&frame.context.spent_ns) {
+            // A stage that a frame skipped has spent nothing; counting it would flatter the median.
+            if ns > 0 {
+                histogram.add(ns);
+            }
+            total += ns;
+        }
+        self.total.add(total);
+    }
+}
+
+fn times(histogram: &Histogram) -> Times {
+    let ms = |ns: u64| ns as f64 / 1e6;
+    Times {
+        count: histogram.count(),
+        median_ms: ms(histogram.quantile(0.5)),
+        p99_ms: ms(histogram.quantile(0.99)),
+        max_ms: ms(histogram.max()),
+    }
+}
+
+fn json_of(times: Times) -> Value {
+    json!({ "count": times.count, "median_ms": times.median_ms, "p99_ms": times.p99_ms, "max_ms": times.max_ms })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_known_frames() {
+        let mut stats = Stats::default();
+        let mut frame = Frame::default();
+        for ms in 1..=100 {
+            frame.context.spent_ns[Stage::Warp as usize] = ms * 1_000_000;
+            frame.context.spent_ns[Stage::Fit as usize] = if ms == 7 { 2_000_000 } else { 0 };
+            stats.sent(&frame);
+        }
+        let json = stats.json(&Totals { frames_in: 100, frames_out: 99, ..Totals::default() });
+        let warp = &json["stages"]["warp"];
+        assert_eq!(warp["count"], 100);
+        assert!((warp["median_ms"].as_f64().unwrap() - 50.0).abs() < 0.5, "{warp}");
+        assert!((warp["p99_ms"].as_f64().unwrap() - 99.0).abs() < 1.0, "{warp}");
+        assert_eq!(warp["max_ms"], 100.0);
+        assert_eq!((&json["stages"]["fit"]["count"], &json["total"]["count"]), (&json!(1), &json!(100)));
+        assert_eq!((&json["frames"]["in"], &json["frames"]["out"]), (&json!(100), &json!(99)));
+    }
+}
