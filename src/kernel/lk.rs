@@ -85,7 +85,12 @@ fn window<'a>(
 #[inline(always)]
 fn interpolate<const N: usize>(a: &[u8], b: &[u8], [p, q, r, s]: [f32; 4]) -> [f32; N] {
     let (a0, a1, b0, b1) = (&a[..N], &a[1..=N], &b[..N], &b[1..=N]);
-    std::array::from_fn(|i| f32::from(a0[i]) * p + f32::from(a1[i]) * q + f32::from(b0[i]) * r + f32::from(b1[i]) * s)
+    // a plain loop: a closure would be compiled on its own, without the caller's instruction set
+    let mut out = [0.0; N];
+    for i in 0..N {
+        out[i] = f32::from(a0[i]) * p + f32::from(a1[i]) * q + f32::from(b0[i]) * r + f32::from(b1[i]) * s;
+    }
+    out
 }
 
 #[inline(always)]

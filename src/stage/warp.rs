@@ -68,21 +68,21 @@ impl Warper {
             let row = ((luma_y / cell[1]) as usize).min(last_row);
             let part = luma_y / cell[1] - row as f32;
             let (above, below) = self.nodes[row * self.columns..(row + 2) * self.columns].split_at(self.columns);
-            let node = |i: usize| [0, 1].map(|c| above[i][c] + (below[i][c] - above[i][c]) * part);
             let out = to.row_mut(y);
-            let (mut x, mut left) = (0, node(0));
-            for i in 0..self.columns - 1 {
-                let right = node(i + 1);
+            let (mut x, mut left) = (0, between(above[0], below[0], part));
+            for (i, (&above, &below)) in above.iter().zip(below).enumerate().skip(1) {
+                let right = between(above, below, part);
                 // the samples of this cell: those left of its right edge
-                let edge = ((i + 1) as f32 * cell[0] - offset[0]) / scale[0];
-                let end = if i + 2 == self.columns { width } else { (edge.ceil() as usize).min(width) };
+                let edge = (i as f32 * cell[0] - offset[0]) / scale[0];
+                let end = if i + 1 == self.columns { width } else { (edge as usize + usize::from(edge.fract() > 0.0)).min(width) };
                 if end > x {
-                    let line = [0, 1].map(|c| {
-                        let step = (right[c] - left[c]) / cell[0];
-                        let start = left[c] + step * (x as f32 * scale[0] + offset[0] - i as f32 * cell[0]);
-                        (fixed((start - offset[c]) / scale[c]), fixed(step * scale[0] / scale[c]))
-                    });
-                    let line = warp::Line { start: line.map(|l| l.0), step: line.map(|l| l.1) };
+                    let into = x as f32 * scale[0] + offset[0] - (i - 1) as f32 * cell[0];
+                    let step = [(right[0] - left[0]) / cell[0], (right[1] - left[1]) / cell[0]];
+                    let start = [left[0] + step[0] * into, left[1] + step[1] * into];
+                    let line = warp::Line {
+                        start: [fixed((start[0] - offset[0]) / scale[0]), fixed((start[1] - offset[1]) / scale[1])],
+                        step: [fixed(step[0] * scale[0] / scale[0]), fixed(step[1] * scale[0] / scale[1])],
+                    };
                     warp::span(self.level, from, line, &mut out[x..end]);
                     x = end;
                 }
@@ -92,9 +92,16 @@ impl Warper {
     }
 }
 
-/// 16.16 fixed point; what does not fit goes to the nearest that does, what is no number to 0.
+/// The point `part` of the way from one node to another.
+#[inline]
+fn between(from: [f32; 2], to: [f32; 2], part: f32) -> [f32; 2] {
+    [from[0] + (to[0] - from[0]) * part, from[1] + (to[1] - from[1]) * part]
+}
+
+/// 16.16 fixed point, rounded down; what does not fit goes to the nearest that does, what is no number to 0.
+#[inline]
 fn fixed(value: f32) -> i32 {
-    (value * warp::ONE as f32).round() as i32
+    (value * warp::ONE as f32) as i32
 }
 
 /// Luma pixel (x, y) on which the first chroma sample lies.
