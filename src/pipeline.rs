@@ -144,7 +144,7 @@ impl Stabilizer {
             tracker: track::Tracker::new(params.track, level),
             features: Vec::with_capacity(2 * params.detect.points as usize),
             fitter: fit::Fitter::new(params.fit),
-            shutter: Shutter::new(&params.shutter, params.camera.readout_ms / 1000.0),
+            shutter: Shutter::new(&params.shutter, params.camera.readout_ms / 1000.0, params.camera.hfov_deg, params.fit.seed),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             warper: warp::Warper::new(level, input.colour.siting),

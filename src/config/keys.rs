@@ -167,7 +167,7 @@ pub const KEYS: &[Key] = &[
         unit: "",
         doc: "Model of the motion inside a frame: \"cho2007\" is zoom and translation, constant within a frame interval.",
         live: false,
-        kind: choice!(pipeline.shutter.model, "cho2007" => Model::Cho2007),
+        kind: choice!(pipeline.shutter.model, "cho2007" => Model::Cho2007, "continuous" => Model::Continuous),
     },
     Key {
         name: "shutter.parameters",

@@ -1,6 +1,6 @@
 //! Where output pixels come from: the one thing that every shutter model gives to the warp.
 
-use super::{Homography, Zoom};
+use super::{Homography, Pinhole, Pose, Zoom};
 
 /// Motion of a frame's rows against the frame's reference time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +13,13 @@ pub enum RowMotion {
         /// negative where the sensor reads from bottom to top.
         rows: f64,
     },
+    /// Each row has a pose of its own.
+    Poses {
+        /// The camera.
+        camera: Pinhole,
+        /// Pose of each row less that of the reference time.
+        rows: RowPoses,
+    },
 }
 
 impl Default for RowMotion {
@@ -21,11 +28,54 @@ impl Default for RowMotion {
     }
 }
 
+/// The poses of a frame's rows: samples at even distances from the first row to the last, straight lines between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RowPoses {
+    /// Poses less that of the reference time.
+    pub samples: [Pose; Self::SAMPLES],
+    /// Rows from one sample to the next.
+    pub spacing: f64,
+}
+
+impl RowPoses {
+    /// How many samples there are.
+    pub const SAMPLES: usize = 25;
+
+    /// The pose of row `y`; rows outside the picture take the nearest's.
+    #[inline]
+    pub fn at(&self, y: f64) -> Pose {
+        let place = (y / self.spacing).clamp(0.0, (Self::SAMPLES - 1) as f64);
+        let i = (place as usize).min(Self::SAMPLES - 2);
+        let part = place - i as f64;
+        let (a, b) = (&self.samples[i], &self.samples[i + 1]);
+        let mut pose = [0.0; 4];
+        for c in 0..4 {
+            pose[c] = a[c] + (b[c] - a[c]) * part;
+        }
+        pose
+    }
+
+    /// The part `share` (0 to 1) of each pose.
+    pub fn part(mut self, share: f64) -> Self {
+        self.samples.as_flattened_mut().iter_mut().for_each(|value| *value *= share);
+        self
+    }
+}
+
 /// Takes output pixels to input pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputMap {
     /// One homography for the whole frame.
     Projective(Homography),
+    /// A homography to the frame as it would be had all rows the pose of the reference time, then each row's own motion.
+    Rows {
+        /// Output pixel to the frame at its reference time.
+        view: Homography,
+        /// The camera.
+        camera: Pinhole,
+        /// Each row's pose.
+        rows: RowPoses,
+    },
 }
 
 impl Default for OutputMap {
@@ -34,12 +84,54 @@ impl Default for OutputMap {
     }
 }
 
+/// Rounds in which the row is found that saw a point; each shrinks the error to what the picture moves in as many rows, a few
+/// hundredths.
+const ROUNDS: usize = 3;
+
 impl OutputMap {
     /// The input pixel (x, y) that the output pixel shows.
     #[inline]
     pub fn apply(&self, pixel: [f64; 2]) -> [f64; 2] {
         match self {
             Self::Projective(h) => h.apply(pixel),
+            Self::Rows { view, camera, rows } => {
+                let at_reference = view.apply(pixel);
+                let mut seen = at_reference;
+                for _ in 0..ROUNDS {
+                    let pose = rows.at(seen[1]);
+                    let middle = [0.5 * (at_reference[0] + seen[0]), 0.5 * (at_reference[1] + seen[1])];
+                    let [dx, dy] = camera.derivative(middle);
+                    let dot = |d: Pose| d[0] * pose[0] + d[1] * pose[1] + d[2] * pose[2] + d[3] * pose[3];
+                    seen = [at_reference[0] + dot(dx), at_reference[1] + dot(dy)];
+                }
+                seen
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_row_that_saw_a_point_is_found() {
+        let camera = Pinhole::new([640, 480], 49.0);
+        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
+        for (i, pose) in rows.samples.iter_mut().enumerate() {
+            let t = i as f64 / 24.0 - 0.5;
+            *pose = [0.02 * t, 0.015 * t * t, 0.01 * t, 0.003 * t];
+        }
+        let map = OutputMap::Rows { view: Homography::IDENTITY, camera, rows };
+        for y in (0..480).step_by(53) {
+            for x in (0..640).step_by(71) {
+                let pixel = [f64::from(x), f64::from(y)];
+                let seen = map.apply(pixel);
+                // the exact motion of that row leads from the pixel to where it was seen
+                let exact = camera.turned(rows.at(seen[1])).apply(pixel);
+                let off = (exact[0] - seen[0]).hypot(exact[1] - seen[1]);
+                assert!(off < 0.01, "{pixel:?}: {off} px");
+            }
         }
     }
 }

@@ -1,10 +1,12 @@
 //! Points, matrices and paths as values. Conventions: pixel coordinates as in [`crate::image`]; angles in radians; times in
 //! seconds.
 
+mod camera;
 mod homography;
 mod map;
 mod zoom;
 
+pub use camera::{Pinhole, Pose};
 pub use homography::Homography;
-pub use map::{OutputMap, RowMotion};
+pub use map::{OutputMap, RowMotion, RowPoses};
 pub use zoom::Zoom;

@@ -45,6 +45,7 @@ impl MotionNames {
     pub fn of(model: Model) -> &'static Self {
         match model {
             Model::Cho2007 => &CHO2007,
+            Model::Continuous => &CONTINUOUS,
         }
     }
 
@@ -64,6 +65,19 @@ const CHO2007: MotionNames = MotionNames {
     path: "U",
     smoothed: "S",
     steadied: steadied_cho2007,
+};
+
+const CONTINUOUS: MotionNames = MotionNames {
+    model: "continuous",
+    axes: &[
+        Axis { name: "yaw", meaning: "turn to the right", unit: "rad" },
+        Axis { name: "pitch", meaning: "turn upwards", unit: "rad" },
+        Axis { name: "roll", meaning: "turn about the view", unit: "rad" },
+        Axis { name: "zoom", meaning: "logarithm of the zoom", unit: "" },
+    ],
+    path: "P",
+    smoothed: "S",
+    steadied: |step| std::array::from_fn(|i| step.smoothed[1][i] - step.smoothed[0][i]),
 };
 
 /// Eq. (14): `T^s_t = W_{t+1} T_t W_t^-1` with `W = S U^-1` of eq. (13), all of the form of eq. (2).

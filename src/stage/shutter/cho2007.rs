@@ -136,7 +136,7 @@ fn zoom([a, c, d, _]: [f64; 4]) -> Zoom {
 
 /// Output pixel -> virtual camera -> undistorted frame by `W^-1`, `W = S U^-1` (eq. 13) -> captured frame by D (eq. 3).
 pub fn map(motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
-    let RowMotion::Uniform { motion: within, rows } = motion.rows;
+    let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
     let back = zoom(motion.path).after(zoom(smoothed).inverse());
     let distortion = undistortion(within.part(strength), rows).inverse().unwrap_or_default();
     OutputMap::Projective(Homography(distortion.0 * back.homography().0 * view.0).scaled())

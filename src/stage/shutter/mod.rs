@@ -4,11 +4,13 @@
 //! frame comes from once the virtual camera's path is chosen ([`Shutter::map`]).
 
 pub mod cho2007;
+pub mod continuous;
 
 use crate::frame::{Fit, Track};
 use crate::geometry::{Homography, OutputMap, RowMotion};
 
 use cho2007::Cho2007;
+use continuous::Continuous;
 
 /// Which model of the camera's motion is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +18,8 @@ pub enum Model {
     /// "CMOS digital image stabilization" (Cho, Kim, Hong 2007): zoom and translation, constant within a frame interval.
     #[default]
     Cho2007,
+    /// The camera's path in continuous time: each row has its own pose; no latency.
+    Continuous,
 }
 
 /// Which of the two parameter sets of cho2007 describes a frame.
@@ -66,14 +70,17 @@ pub struct Motion {
 pub enum Shutter {
     /// The paper's.
     Cho2007(Cho2007),
+    /// Continuous time.
+    Continuous(Continuous),
 }
 
 impl Shutter {
     /// The model that `params` names, for a camera that reads a frame's rows in `readout_s` seconds (negative: from bottom to
-    /// top).
-    pub fn new(params: &Params, readout_s: f64) -> Self {
+    /// top) and sees `hfov_deg` degrees from left to right. The same `seed` gives the same choices.
+    pub fn new(params: &Params, readout_s: f64, hfov_deg: f64, seed: u64) -> Self {
         match params.model {
             Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout_s)),
+            Model::Continuous => Self::Continuous(Continuous::new(readout_s, hfov_deg, seed)),
         }
     }
 
@@ -81,6 +88,7 @@ impl Shutter {
     pub fn frames_late(&self) -> usize {
         match self {
             Self::Cho2007(model) => model.frames_late(),
+            Self::Continuous(_) => 0,
         }
     }
 
@@ -88,6 +96,7 @@ impl Shutter {
     pub fn begin(&mut self, size: [usize; 2]) {
         match self {
             Self::Cho2007(model) => model.begin(size),
+            Self::Continuous(model) => model.begin(size),
         }
     }
 
@@ -95,6 +104,7 @@ impl Shutter {
     pub fn observe(&mut self, pair: Pair<'_>) {
         match self {
             Self::Cho2007(model) => model.observe(&pair),
+            Self::Continuous(model) => model.observe(pair),
         }
     }
 
@@ -102,6 +112,7 @@ impl Shutter {
     pub fn newest(&self) -> Motion {
         match self {
             Self::Cho2007(model) => model.newest(),
+            Self::Continuous(model) => model.newest(),
         }
     }
 
@@ -109,6 +120,7 @@ impl Shutter {
     pub fn reference(&self) -> Motion {
         match self {
             Self::Cho2007(model) => model.reference(),
+            Self::Continuous(model) => model.newest(),
         }
     }
 
@@ -117,6 +129,7 @@ impl Shutter {
     pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
         match self {
             Self::Cho2007(_) => cho2007::map(motion, smoothed, strength, view),
+            Self::Continuous(_) => continuous::map(motion, smoothed, strength, view),
         }
     }
 }

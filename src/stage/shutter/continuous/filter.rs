@@ -1,0 +1,395 @@
+//! An information filter over the control points of the camera's path.
+//!
+//! The path is a uniform cubic B-spline, `P(t) = sum_i b(t / h - i) c_i`, with a control point of four parameters each `h` seconds.
+//! The filter holds `A x = r` (normal equations, the information matrix A) for the control points that are still of use;
+//! measurements and priors add to it, and points that nothing will refer to any more are eliminated by Schur complement. Given
+//! the measurements' weights this is the exact linear estimate, the same as a Kalman filter's. Nothing is allocated after `new`.
+
+use crate::geometry::Pose;
+
+/// Control points held at a time, at most.
+pub const MOST_POINTS: usize = 40;
+const N: usize = 4 * MOST_POINTS;
+
+/// How uncertain motion is before it is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior {
+    /// Standard deviation of each parameter's acceleration averaged over 1/120 s, units / s^2.
+    pub acceleration: Pose,
+    /// Of its speed, units / s: draws the path to rest where nothing is seen for long.
+    pub speed: Pose,
+}
+
+/// A linear measurement of the difference of two poses: `value = derivative * (P(later) - P(sooner))`.
+#[derive(Clone, Copy, Debug)]
+pub struct Difference {
+    /// Times, seconds, as places on the spline.
+    pub sooner: Place,
+    /// See `sooner`.
+    pub later: Place,
+    /// Rows x and y.
+    pub derivative: [Pose; 2],
+    /// Pixels (x, y).
+    pub value: [f64; 2],
+}
+
+/// A moment as the spline sees it: the first of the four control points that matter, and their weights.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    first: i64,
+    weights: [f64; 4],
+}
+
+/// The filter.
+#[derive(Debug)]
+pub struct Filter {
+    spacing_s: f64,
+    prior: Prior,
+    /// Number of the first control point held.
+    first: i64,
+    points: usize,
+    /// Information without, and with the measurements that are being weighed.
+    base: Box<Normal>,
+    full: Box<Normal>,
+    /// Lower triangle of its Cholesky factor.
+    factor: Box<[f64]>,
+    mean: Box<[f64; N]>,
+}
+
+#[derive(Clone, Debug)]
+struct Normal {
+    /// Row-major, lower triangle, rows N apart.
+    matrix: Box<[f64]>,
+    right: [f64; N],
+}
+
+impl Normal {
+    fn new() -> Self {
+        Self { matrix: vec![0.0; N * N].into_boxed_slice(), right: [0.0; N] }
+    }
+
+    fn copy_from(&mut self, other: &Self, n: usize) {
+        for i in 0..n {
+            self.matrix[i * N..i * N + n].copy_from_slice(&other.matrix[i * N..i * N + n]);
+        }
+        self.right[..n].copy_from_slice(&other.right[..n]);
+    }
+}
+
+/// Standard deviation to which the first control points are held: the path's origin is free to choose.
+const PIN: f64 = 1e-4;
+
+impl Filter {
+    /// A filter without control points, for points `spacing_s` seconds apart.
+    pub fn new(spacing_s: f64, prior: Prior) -> Self {
+        Self {
+            spacing_s,
+            prior,
+            first: 0,
+            points: 0,
+            base: Box::new(Normal::new()),
+            full: Box::new(Normal::new()),
+            factor: vec![0.0; N * N].into_boxed_slice(),
+            mean: Box::new([0.0; N]),
+        }
+    }
+
+    /// Seconds from one control point to the next.
+    pub fn spacing_s(&self) -> f64 {
+        self.spacing_s
+    }
+
+    /// Begins anew at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
+    pub fn restart(&mut self, time_s: f64, pose: Pose, spacing_s: f64) {
+        self.spacing_s = spacing_s;
+        self.first = self.place(time_s).first;
+        self.points = 0;
+        self.base.matrix.fill(0.0);
+        self.base.right.fill(0.0);
+        for i in 0..2 {
+            self.push(pose);
+            for (c, value) in pose.iter().enumerate() {
+                let at = i * 4 + c;
+                // the second is pinned to the first by the speed that the prior allows
+                let pin = if i == 0 { PIN } else { self.prior.speed[c] * spacing_s };
+                self.base.matrix[at * N + at] += 1.0 / (pin * pin);
+                self.base.right[at] += value / (pin * pin);
+            }
+        }
+    }
+
+    /// Where a moment lies on the spline.
+    #[inline]
+    pub fn place(&self, time_s: f64) -> Place {
+        let s = time_s / self.spacing_s;
+        let floor = s.floor();
+        let u = s - floor;
+        let (u2, u3) = (u * u, u * u * u);
+        let weights = [
+            (1.0 - 3.0 * u + 3.0 * u2 - u3) / 6.0,
+            (4.0 - 6.0 * u2 + 3.0 * u3) / 6.0,
+            (1.0 + 3.0 * u + 3.0 * u2 - 3.0 * u3) / 6.0,
+            u3 / 6.0,
+        ];
+        Place { first: floor as i64 - 1, weights }
+    }
+
+    /// Adds control points until `time_s` can be evaluated, each with its prior. False where that would be too many: then the
+    /// filter must restart.
+    pub fn extend_to(&mut self, time_s: f64) -> bool {
+        let last = self.place(time_s).first + 3;
+        if last - self.first >= MOST_POINTS as i64 || self.points < 2 {
+            return false;
+        }
+        while self.first + (self.points as i64) <= last {
+            self.push_with_prior();
+        }
+        true
+    }
+
+    /// The path at a moment between the first and last control point.
+    #[inline]
+    pub fn pose(&self, time_s: f64) -> Pose {
+        let Place { first, weights } = self.place(time_s);
+        let mut pose = [0.0; 4];
+        for (i, weight) in weights.into_iter().enumerate() {
+            let point = ((first + i as i64 - self.first).max(0) as usize).min(self.points.saturating_sub(1));
+            for (c, value) in pose.iter_mut().enumerate() {
+                *value += weight * self.mean[4 * point + c];
+            }
+        }
+        pose
+    }
+
+    fn push(&mut self, pose: Pose) {
+        let n = 4 * self.points;
+        for i in n..n + 4 {
+            self.base.matrix[i * N..(i + 1) * N].fill(0.0);
+        }
+        self.base.right[n..n + 4].fill(0.0);
+        self.mean[n..n + 4].copy_from_slice(&pose);
+        self.points += 1;
+    }
+
+    /// Adds a point that continues the path straight on, as uncertain as the prior says.
+    fn push_with_prior(&mut self) {
+        let n = 4 * self.points;
+        let (h, mean) = (self.spacing_s, &self.mean);
+        let next = std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]);
+        self.push(next);
+        for c in 0..4 {
+            // averaged over h, white acceleration has a variance that falls as 1 / h
+            let bend = self.prior.acceleration[c] * h * h * (1.0 / (120.0 * h)).sqrt();
+            let (i, j, k) = (n - 8 + c, n - 4 + c, n + c);
+            let m = &mut self.base.matrix;
+            let info = 1.0 / (bend * bend);
+            for (row, column, value) in [(i, i, 1.0), (j, i, -2.0), (j, j, 4.0), (k, i, 1.0), (k, j, -2.0), (k, k, 1.0)] {
+                m[row * N + column] += value * info;
+            }
+            // the speed's own prior acts on each interval, so that its pull per second does not depend on h
+            let step = self.prior.speed[c] * h * (1.0 / (120.0 * h)).sqrt();
+            let info = 1.0 / (step * step);
+            m[j * N + j] += info;
+            m[k * N + j] -= info;
+            m[k * N + k] += info;
+        }
+    }
+
+    /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
+    pub fn start_trial(&mut self) {
+        self.full.copy_from(&self.base, 4 * self.points);
+    }
+
+    /// Adds a measurement with its information (1 / variance, 1 / pixels^2) on trial.
+    #[inline]
+    pub fn add(&mut self, measured: &Difference, information: f64) {
+        let Difference { sooner, later, derivative: [dx, dy], value } = measured;
+        // information of the difference itself
+        let mut inner = [[0.0; 4]; 4];
+        let mut right = [0.0; 4];
+        for i in 0..4 {
+            for j in 0..4 {
+                inner[i][j] = information * (dx[i] * dx[j] + dy[i] * dy[j]);
+            }
+            right[i] = information * (dx[i] * value[0] + dy[i] * value[1]);
+        }
+        let offset = |place: &Place| (place.first - self.first) as usize;
+        // overlapping points of both moments are summed first: at most eight points in a row where the moments are near
+        let (a, b) = (offset(sooner), offset(later));
+        let mut touched = [(0usize, 0.0f64); 8];
+        let mut count = 0;
+        for (base, place, sign) in [(a, sooner, -1.0), (b, later, 1.0)] {
+            for (i, weight) in place.weights.into_iter().enumerate() {
+                let point = base + i;
+                if let Some(known) = touched[..count].iter_mut().find(|(p, _)| *p == point) {
+                    known.1 += sign * weight;
+                } else {
+                    touched[count] = (point, sign * weight);
+                    count += 1;
+                }
+            }
+        }
+        let touched = &touched[..count];
+        for &(p, wp) in touched {
+            for c in 0..4 {
+                self.full.right[4 * p + c] += wp * right[c];
+            }
+            for &(q, wq) in touched {
+                if q > p {
+                    continue;
+                }
+                let weight = wp * wq;
+                for (c, inner) in inner.iter().enumerate() {
+                    let row = &mut self.full.matrix[(4 * p + c) * N + 4 * q..][..4];
+                    for (value, inner) in row.iter_mut().zip(inner) {
+                        *value += weight * inner;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
+    pub fn solve(&mut self) -> bool {
+        let n = 4 * self.points;
+        if !cholesky(&self.full.matrix, &mut self.factor, n) {
+            return false;
+        }
+        let mut x = self.full.right;
+        substitute(&self.factor, &mut x[..n]);
+        if x[..n].iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        self.mean[..n].copy_from_slice(&x[..n]);
+        true
+    }
+
+    /// Squared distance between a measurement and what the path says of it, pixels^2.
+    #[inline]
+    pub fn misfit(&self, measured: &Difference) -> f64 {
+        let mut difference = [0.0; 4];
+        for (place, sign) in [(&measured.sooner, -1.0), (&measured.later, 1.0)] {
+            let at = 4 * (place.first - self.first) as usize;
+            for (point, weight) in self.mean[at..at + 16].chunks_exact(4).zip(place.weights) {
+                for c in 0..4 {
+                    difference[c] += sign * weight * point[c];
+                }
+            }
+        }
+        let mut square = 0.0;
+        for (row, value) in measured.derivative.iter().zip(measured.value) {
+            let error =
+                value - (row[0] * difference[0] + row[1] * difference[1] + row[2] * difference[2] + row[3] * difference[3]);
+            square += error * error;
+        }
+        square
+    }
+
+    /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
+    pub fn deviation(&self, sooner_s: f64, later_s: f64) -> Pose {
+        let n = 4 * self.points;
+        std::array::from_fn(|c| {
+            let mut x = [0.0; N];
+            for (time, sign) in [(sooner_s, -1.0), (later_s, 1.0)] {
+                let Place { first, weights } = self.place(time);
+                for (i, weight) in weights.into_iter().enumerate() {
+                    let point = (first + i as i64 - self.first).clamp(0, self.points as i64 - 1) as usize;
+                    x[4 * point + c] += sign * weight;
+                }
+            }
+            // |L^-1 e|^2 is the variance
+            forward(&self.factor, &mut x[..n]);
+            x[..n].iter().map(|value| value * value).sum::<f64>().sqrt()
+        })
+    }
+
+    /// Accepts what is on trial, and eliminates the control points that no moment from `time_s` on refers to.
+    pub fn accept(&mut self, time_s: f64) {
+        let n = 4 * self.points;
+        self.base.copy_from(&self.full, n);
+        let keep_from = (self.place(time_s).first - self.first).clamp(0, self.points as i64 - 3) as usize;
+        if keep_from == 0 {
+            return;
+        }
+        let cut = 4 * keep_from;
+        eliminate(&mut self.base, cut, n);
+        for i in cut..n {
+            self.base.matrix.copy_within(i * N + cut..i * N + n, (i - cut) * N);
+        }
+        self.base.right.copy_within(cut..n, 0);
+        self.mean.copy_within(cut..n, 0);
+        self.points -= keep_from;
+        self.first += keep_from as i64;
+    }
+}
+
+/// Lower Cholesky factor of the leading `n` x `n` block; false where it is not positive definite.
+fn cholesky(matrix: &[f64], factor: &mut [f64], n: usize) -> bool {
+    for i in 0..n {
+        let (done, rest) = factor.split_at_mut(i * N);
+        let row = &mut rest[..n];
+        for j in 0..i {
+            let other = &done[j * N..j * N + j + 1];
+            let sum = matrix[i * N + j] - dot(&row[..j], &other[..j]);
+            row[j] = sum / other[j];
+        }
+        let pivot = matrix[i * N + i] - dot(&row[..i], &row[..i]);
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return false;
+        }
+        row[i] = pivot.sqrt();
+    }
+    true
+}
+
+/// Sum of products, in four lanes so that the compiler may use wide registers.
+#[inline]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a4.zip(b4) {
+        for i in 0..4 {
+            lanes[i] += a[i] * b[i];
+        }
+    }
+    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + tail
+}
+
+fn forward(factor: &[f64], x: &mut [f64]) {
+    for i in 0..x.len() {
+        x[i] = (x[i] - dot(&factor[i * N..i * N + i], &x[..i])) / factor[i * N + i];
+    }
+}
+
+fn substitute(factor: &[f64], x: &mut [f64]) {
+    forward(factor, x);
+    for i in (0..x.len()).rev() {
+        x[i] /= factor[i * N + i];
+        let value = x[i];
+        for j in 0..i {
+            x[j] -= factor[i * N + j] * value;
+        }
+    }
+}
+
+/// Eliminates the first `cut` of `n` unknowns by symmetric Gauss elimination; what is left stands from row `cut` on.
+fn eliminate(normal: &mut Normal, cut: usize, n: usize) {
+    let m = &mut normal.matrix;
+    for k in 0..cut {
+        let pivot = m[k * N + k];
+        if !(pivot > 0.0) {
+            continue;
+        }
+        for i in k + 1..n {
+            let share = m[i * N + k] / pivot;
+            if share == 0.0 {
+                continue;
+            }
+            for j in k + 1..=i {
+                m[i * N + j] -= share * m[j * N + k];
+            }
+            normal.right[i] -= share * normal.right[k];
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! Continuous time: the camera has one path, and every row of every frame sees its own moment of it.
+//!
+//! Row y of a frame taken at t is exposed at `t + readout y / H` (H rows; a negative readout reads from bottom to top). A point
+//! seen at x_a in one frame and at x_b in the next measures the path P = (yaw, pitch, roll, log zoom) between both moments,
+//!
+//! ```text
+//! x_b - x_a = B(x_mid) (P(t_b + readout y_b / H) - P(t_a + readout y_a / H))
+//! ```
+//!
+//! with B the derivative of a pixel by the pose ([`Pinhole::derivative`]). P is a cubic spline with about four control points to a
+//! frame, so this is linear in the unknowns. Minimised is the sum of the robust misfits (Geman-McClure, pixels) and of the prior
+//! (white acceleration) by an information filter ([`filter`]). There is no latency: the newest pair measures the path up to the
+//! newest frame's last row, and its beginning is known from the pairs before.
+//!
+//! A frame's reference time is that of its middle row.
+
+mod filter;
+mod hypothesis;
+
+use super::{Motion, Pair};
+use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
+use filter::{Difference, Filter, MOST_POINTS, Prior};
+use hypothesis::Sight;
+
+/// Control points to a frame interval.
+const POINTS_PER_FRAME: f64 = 4.0;
+/// Control points are no closer (seconds): hands and desks do not shake above some 30 Hz.
+const LEAST_SPACING_S: f64 = 0.007;
+/// Before anything is measured.
+const PRIOR: Prior = Prior { acceleration: [25.0, 25.0, 15.0, 3.0], speed: [1.5, 1.5, 1.0, 0.2] };
+/// Rounds of weighing; the scale shrinks from round to round.
+const ROUNDS: usize = 5;
+/// Least scale of the robust weights, pixels.
+const LEAST_SCALE_PX: f64 = 0.5;
+/// A track's place is never believed better than this, pixels.
+const LEAST_SIGMA_PX: f64 = 0.05;
+/// Tracks below which nothing is estimated.
+const LEAST_TRACKS: usize = 10;
+/// Tracks looked at, at most.
+const MOST_TRACKS: usize = 4096;
+
+/// The model's state.
+#[derive(Debug)]
+pub struct Continuous {
+    readout_s: f64,
+    hfov_deg: f64,
+    size: [usize; 2],
+    camera: Pinhole,
+    filter: Filter,
+    /// Time of the newest frame's first row since the stream began, seconds.
+    now_s: f64,
+    interval_s: f64,
+    sights: Vec<Sight>,
+    differences: Vec<(Difference, f64)>,
+    weights: Vec<f64>,
+    scale_px: f64,
+    random: u64,
+    newest: Motion,
+}
+
+impl Continuous {
+    /// A model that has seen nothing, for a camera that reads a frame in `readout_s` seconds and sees `hfov_deg` degrees.
+    pub fn new(readout_s: f64, hfov_deg: f64, seed: u64) -> Self {
+        Self {
+            readout_s,
+            hfov_deg,
+            size: [1, 1],
+            camera: Pinhole::default(),
+            filter: Filter::new(1.0 / 120.0, PRIOR),
+            now_s: 0.0,
+            interval_s: 0.0,
+            sights: Vec::with_capacity(MOST_TRACKS),
+            differences: Vec::with_capacity(MOST_TRACKS),
+            weights: Vec::with_capacity(MOST_TRACKS),
+            scale_px: LEAST_SCALE_PX,
+            random: seed,
+            newest: Motion { rows: RowMotion::default(), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0 },
+        }
+    }
+
+    /// As [`super::Shutter::begin`].
+    pub fn begin(&mut self, size: [usize; 2]) {
+        self.size = size;
+        self.camera = Pinhole::new(size, self.hfov_deg);
+        self.now_s = 0.0;
+        self.interval_s = 0.0;
+        self.scale_px = LEAST_SCALE_PX;
+        self.newest = Motion { rows: self.rows(|_| [0.0; 4]), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0 };
+    }
+
+    /// As [`super::Shutter::newest`].
+    pub fn newest(&self) -> Motion {
+        self.newest
+    }
+
+    /// Seconds from a frame's time to the exposure of row `y`; never negative.
+    fn delay(&self, y: f64) -> f64 {
+        self.readout_s * y / self.size[1] as f64 + (-self.readout_s).max(0.0)
+    }
+
+    /// Seconds from a frame's time to that of its middle row.
+    fn middle(&self) -> f64 {
+        0.5 * self.readout_s.abs()
+    }
+
+    fn rows(&self, pose: impl Fn(f64) -> Pose) -> RowMotion {
+        let spacing = (self.size[1] as f64 - 1.0).max(1.0) / (RowPoses::SAMPLES - 1) as f64;
+        let samples = std::array::from_fn(|i| pose(i as f64 * spacing));
+        RowMotion::Poses { camera: self.camera, rows: RowPoses { samples, spacing } }
+    }
+
+    /// Takes in what a pair of frames showed.
+    pub fn observe(&mut self, pair: Pair<'_>) {
+        let before_s = self.now_s;
+        self.now_s += pair.interval_s;
+        let last_s = self.now_s + self.readout_s.abs();
+        let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
+        let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
+        let restarted = changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
+        self.interval_s = pair.interval_s;
+        if restarted || !self.filter.extend_to(last_s) {
+            let spacing = wanted.max((pair.interval_s + 2.0 * self.readout_s.abs()) / (MOST_POINTS - 8) as f64);
+            self.filter.restart(before_s, self.newest.path, spacing);
+            self.filter.extend_to(last_s);
+        }
+        let confidence = self.estimate(pair.tracks, before_s);
+        let reference_s = self.now_s + self.middle();
+        let path = self.filter.pose(reference_s);
+        let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
+        self.newest = Motion { rows, motion: subtract(path, self.newest.path), path, confidence };
+        self.filter.accept(self.now_s);
+    }
+
+    /// Weighs the tracks and solves for the path. Gives the confidence.
+    fn estimate(&mut self, tracks: &mut [crate::frame::Track], before_s: f64) -> f64 {
+        let count = tracks.len().min(MOST_TRACKS);
+        let tracks = &mut tracks[..count];
+        self.filter.start_trial();
+        if tracks.len() < LEAST_TRACKS {
+            self.filter.solve();
+            return 0.0;
+        }
+        self.sights.clear();
+        self.differences.clear();
+        for track in tracks.iter() {
+            let middle = [0.5 * (track.from[0] + track.to[0]), 0.5 * (track.from[1] + track.to[1])];
+            let moved = [track.to[0] - track.from[0], track.to[1] - track.from[1]];
+            let derivative = self.camera.derivative(middle);
+            let (sooner, later) = (before_s + self.delay(track.from[1]), self.now_s + self.delay(track.to[1]));
+            let (sooner, later) = (self.filter.place(sooner), self.filter.place(later));
+            self.sights.push(Sight { moved, derivative, say: 1.0 });
+            let sigma = f64::from(track.sigma_px).max(LEAST_SIGMA_PX).min(2.0);
+            self.differences.push((Difference { sooner, later, derivative, value: moved }, 1.0 / (sigma * sigma)));
+        }
+        hypothesis::share_out(tracks, self.size, |i| 0.05 + 0.95 * f64::from(tracks[i].weight), &mut self.sights);
+        let middle = self.middle();
+        let predicted = subtract(self.filter.pose(self.now_s + middle), self.filter.pose(before_s + middle));
+        let random = &mut self.random;
+        let (turn, limit) = hypothesis::best(&self.sights, predicted, &self.camera, |below| {
+            *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((u128::from(*random) * below as u128) >> 64) as usize
+        });
+        self.weights.clear();
+        self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(hypothesis::misfit(sight, &turn), limit)));
+        for round in 0..ROUNDS {
+            self.filter.start_trial();
+            for (((measured, information), sight), weight) in self.differences.iter().zip(&self.sights).zip(&self.weights) {
+                if *weight > 1e-3 {
+                    self.filter.add(measured, information * sight.say.min(2.0) * weight);
+                }
+            }
+            if !self.filter.solve() {
+                return 0.0;
+            }
+            let scale = self.scale_px * [4.0, 2.0, 1.0, 1.0, 1.0][round.min(4)];
+            for ((measured, _), weight) in self.differences.iter().zip(&mut self.weights) {
+                *weight = geman_mcclure(self.filter.misfit(measured), scale * scale);
+            }
+        }
+        let mut agreed = 0.0;
+        let (mut say, mut squares, mut sum) = (0.0, 0.0, 0.0);
+        for (((track, sight), weight), (measured, _)) in
+            tracks.iter_mut().zip(&self.sights).zip(&self.weights).zip(&self.differences)
+        {
+            track.weight = *weight as f32;
+            agreed += sight.say * weight;
+            say += sight.say;
+            squares += weight * self.filter.misfit(measured);
+            sum += weight;
+        }
+        // the scale follows what the inliers leave over, slowly
+        let noise = (squares / sum.max(1.0)).sqrt();
+        self.scale_px += 0.1 * ((3.0 * noise).clamp(LEAST_SCALE_PX, 2.0) - self.scale_px);
+        let share = agreed / say.max(1e-9);
+        let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
+        ramp(sum, 6.0, 30.0) * ramp(share, 0.15, 0.4)
+    }
+}
+
+/// Geman and McClure's weight of a squared residual: 1 at 0, a quarter at the scale, then falling fast.
+#[inline]
+fn geman_mcclure(square: f64, scale_square: f64) -> f64 {
+    let ratio = 1.0 + square / scale_square;
+    1.0 / (ratio * ratio)
+}
+
+fn subtract(a: Pose, b: Pose) -> Pose {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
+}
+
+/// Output pixel -> virtual camera at `smoothed` -> camera at the frame's reference time -> the row that saw it.
+pub fn map(motion: &Motion, smoothed: Pose, strength: f64, view: &Homography) -> OutputMap {
+    let RowMotion::Poses { camera, rows } = motion.rows else { return OutputMap::Projective(*view) };
+    let turn = camera.turned(subtract(motion.path, smoothed));
+    OutputMap::Rows { view: Homography(turn.0 * view.0).scaled(), camera, rows: rows.part(strength) }
+}
