@@ -143,7 +143,7 @@ pub(super) fn format_payload(format: &StreamFormat, device: &str) -> Vec<u8> {
         Siting::TopLeft => 2,
     };
     bytes.extend_from_slice(&[range, siting, end as u8, 0]);
-    bytes.extend_from_slice(device[..end].as_bytes());
+    bytes.extend_from_slice(&device.as_bytes()[..end]);
     bytes
 }
 

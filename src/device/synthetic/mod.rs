@@ -108,7 +108,7 @@ impl Synthetic {
         }
         let mut format = StreamFormat::tight(p.width, p.height, PixelFormat::I420, interval(p.fps));
         format.colour = Colour { range: Range::Limited, siting: Siting::Centre };
-        let mut random = Random::new(p.seed ^ 0x6e6f_6973_65);
+        let mut random = Random::new(p.seed ^ 0x006e_6f69_7365);
         let noises = if p.noise > 0.0 { NOISES } else { 0 };
         let luma = p.width as usize * p.height as usize;
         let chroma = p.width.div_ceil(2) as usize * p.height.div_ceil(2) as usize;

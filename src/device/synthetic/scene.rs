@@ -37,7 +37,7 @@ impl Scene {
         let octaves = [(300.0, 10.0), (90.0, 5.0)];
         let mut u = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 1, &octaves, 128.0);
         let mut v = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 2, &octaves, 128.0);
-        let mut random = Random::new(seed ^ 0x7363_656e_65);
+        let mut random = Random::new(seed ^ 0x0073_6365_6e65);
         for (count, smallest, largest) in [(140, 40.0, 150.0), (900, 12.0, 45.0), (7000, 3.0, 11.0)] {
             for _ in 0..count {
                 let shape = Shape::new(&mut random, smallest, largest);
@@ -96,14 +96,14 @@ struct Shape {
 impl Shape {
     fn new(random: &mut Random, smallest: f64, largest: f64) -> Self {
         // Most stand upright, as what people build does: so one sees a picture lean.
-        let upright = random.bits() % 4 != 0;
+        let upright = !random.bits().is_multiple_of(4);
         let (sin, cos) = if upright { (0.0, 1.0) } else { random.uniform(0.0, std::f64::consts::TAU).sin_cos() };
         let size = |random: &mut Random| random.uniform(smallest, largest) as f32;
         Self {
             centre: [random.uniform(0.0, WIDTH as f64) as f32, random.uniform(0.0, HEIGHT as f64) as f32],
             half: [size(random), size(random)],
             direction: [cos as f32, sin as f32],
-            disc: random.bits() % 4 == 0,
+            disc: random.bits().is_multiple_of(4),
         }
     }
 }
