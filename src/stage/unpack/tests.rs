@@ -95,7 +95,7 @@ fn a_few_stray_bytes_before_the_end_are_forgiven() {
     assert_eq!(decode(&mut unpack, (64, 48), &jpeg), Ok(whole));
     jpeg.splice(end..end, [0x56; 100]);
     let error = decode(&mut unpack, (64, 48), &jpeg).unwrap_err();
-    assert!(error.to_string().contains("102 extraneous bytes"), "{error}");
+    assert!(error.to_string().contains("extraneous bytes"), "{error}");
 }
 
 #[test]
