@@ -8,6 +8,7 @@ mod error;
 mod input;
 pub mod null;
 mod output;
+pub mod paced;
 pub mod recording;
 pub mod replay;
 pub mod synthetic;
