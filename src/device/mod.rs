@@ -8,6 +8,10 @@ mod error;
 mod input;
 pub mod null;
 mod output;
+pub mod paced;
+pub mod recording;
+pub mod replay;
+pub mod synthetic;
 pub mod y4m;
 
 pub use error::DeviceError;

@@ -128,11 +128,21 @@ fn check(header: &DecompressHeader, expected: (usize, usize)) -> Result<(), Unpa
     Err(UnpackError::Unsupported { what })
 }
 
-/// Whether the decoder only complains of what many cameras do in every frame, the picture being whole: a stray byte or two
-/// before a marker, or a scan header that names no sequential scan.
+/// Stray bytes before the end that are forgiven; what is left over of a picture that lost its way is more.
+const MOST_STRAY: u32 = 16;
+
+/// Whether the decoder only complains of what many cameras do in every frame, the picture being whole: a few stray bytes before
+/// the end marker (the samples before them were read without complaint, or that would be the message), or a scan header that
+/// names no sequential scan (the decoder then ignores it; but as it tells only of its first complaint, smaller damage within such
+/// a picture goes unnoticed).
 fn is_harmless(error: &turbojpeg::Error) -> bool {
     let turbojpeg::Error::TurboJpegError(what) = error else { return false };
-    what.contains("extraneous bytes before marker 0xd9") || what.contains("Invalid SOS parameters for sequential JPEG")
+    if what.contains("Invalid SOS parameters for sequential JPEG") {
+        return true;
+    }
+    let count =
+        what.strip_prefix("Corrupt JPEG data: ").and_then(|rest| rest.strip_suffix(" extraneous bytes before marker 0xd9"));
+    count.and_then(|count| count.parse().ok()).is_some_and(|count: u32| count <= MOST_STRAY)
 }
 
 fn damaged(error: turbojpeg::Error) -> UnpackError {

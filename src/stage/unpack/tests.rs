@@ -86,13 +86,16 @@ fn a_picture_without_huffman_tables_is_the_same() {
 }
 
 #[test]
-fn stray_bytes_before_the_end_are_forgiven() {
+fn a_few_stray_bytes_before_the_end_are_forgiven() {
     let mut jpeg = ramps(64, 48, Subsamp::Sub2x1);
     let mut unpack = Unpack::new();
     let whole = decode(&mut unpack, (64, 48), &jpeg).unwrap();
     let end = jpeg.len() - 2;
     jpeg.splice(end..end, [0x12, 0x34]);
     assert_eq!(decode(&mut unpack, (64, 48), &jpeg), Ok(whole));
+    jpeg.splice(end..end, [0x56; 100]);
+    let error = decode(&mut unpack, (64, 48), &jpeg).unwrap_err();
+    assert!(error.to_string().contains("extraneous bytes"), "{error}");
 }
 
 #[test]
