@@ -14,7 +14,8 @@ use super::{Exit, Failure};
 pub(super) fn all_differ(input: &Path, outputs: &[&Path]) -> Result<(), Failure> {
     for (index, output) in outputs.iter().enumerate() {
         if same(input, output) {
-            let what = format!("{}: is the input; writing it would destroy what is being read. Choose another name", output.display());
+            let what =
+                format!("{}: is the input; writing it would destroy what is being read. Choose another name", output.display());
             return Err(Failure::new(Exit::Usage, what));
         }
         if outputs[..index].iter().any(|other| same(other, output)) {

@@ -8,19 +8,18 @@ use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::digest::DigestSink;
 use crate::device::null::NullSink;
-use crate::device::recording::RecordingSink;
-use crate::device::y4m::Y4mSink;
-use crate::device::{FrameSink, Output, StreamFormat, recording, replay};
+use crate::device::y4m::{Y4mSink, Y4mSource};
+use crate::device::{FrameSink, FrameSource, Output, StreamFormat};
 use crate::pipeline::run_inline;
-use crate::report::{Compare, Report, compare_format};
+use crate::report::{Compare, compare_format};
 
 /// Arguments of `replay`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Recorded stream: a y4m file, a recording of gimbald, or - for standard input
+    /// Recorded stream: a y4m file, or - for standard input
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Where the steady stream goes: a .y4m file, a recording (.gbr), - for y4m on standard output,
+    /// Where the steady stream goes: a .y4m file, - for y4m on standard output,
     /// digest: for a line per frame on standard output, null: for nowhere
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
@@ -33,9 +32,6 @@ pub struct Args {
     /// Per stage and in total, as JSON: count, median, p99 and maximum in ms; and what became of the frames
     #[arg(long, value_name = "F.json")]
     stats: Option<PathBuf>,
-    /// One page to look at: plots of the motion before and after, frames before and after
-    #[arg(long, value_name = "F.html")]
-    report: Option<PathBuf>,
     /// Input and output side by side: in OUT, or with --compare=FILE in a file of its own
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     compare: Option<Option<PathBuf>>,
@@ -48,11 +44,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = args.settings.read()?;
     let compare = args.compare.as_ref().and_then(Option::as_ref);
-    let reports = [&args.trace, &args.stats, &args.report].into_iter().flatten().chain(compare);
+    let reports = [&args.trace, &args.stats].into_iter().flatten().chain(compare);
     let outputs: Vec<&Path> = reports.chain([&args.output]).map(PathBuf::as_path).collect();
     all_differ(&args.input, &outputs)?;
 
-    let mut source = replay::open(&args.input)?;
+    let mut source = Y4mSource::open(&args.input)?;
     let format = source.format();
     let stop = stop_on_signal()?;
     let (mut sink, compare): (Box<dyn FrameSink>, _) = match &args.compare {
@@ -68,11 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.stats {
         watch.stats_file = Some(ReportFile::create(path)?);
     }
-    if let Some(path) = &args.report {
-        let report = Report::new(&settings, &format, &args.input.to_string_lossy());
-        watch.report = Some((report, ReportFile::create(path)?));
-    }
-    let ran = run_inline(source.as_mut(), sink.as_mut(), &settings.pipeline, &stop, &mut watch);
+    let ran = run_inline(&mut source, sink.as_mut(), &settings.pipeline, &stop, &mut watch);
     let totals = watch.end(ran)?;
     if stop.is_set() {
         let what = format!("interrupted after {} frames; what was written holds these", totals.frames_out);
@@ -88,12 +80,10 @@ pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn Fr
         (Some("-"), _) | (_, "y4m") => Box::new(Y4mSink::create(path, format)?),
         (Some("null:"), _) => Box::new(NullSink::new(format)),
         (Some("digest:"), _) => Box::new(DigestSink::new(format).with_lines(Output::create(Path::new("-"))?)),
-        (_, recording::EXTENSION) => Box::new(RecordingSink::create(path, &format.planar())?),
         _ => {
             let what = format!(
-                "{}: the name does not say what to write; end it in .y4m or .{}, or give - (y4m on standard output), digest: or null:",
-                path.display(),
-                recording::EXTENSION
+                "{}: the name does not say what to write; end it in .y4m, or give - (y4m on standard output), digest: or null:",
+                path.display()
             );
             return Err(Failure::new(Exit::Usage, what));
         }
