@@ -11,7 +11,7 @@ use crate::device::null::NullSink;
 use crate::device::y4m::{Y4mSink, Y4mSource};
 use crate::device::{FrameSink, FrameSource, Output, StreamFormat};
 use crate::pipeline::run_inline;
-use crate::report::{Compare, compare_format};
+use crate::report::{Compare, Report, compare_format};
 
 /// Arguments of `replay`.
 #[derive(Clone, Debug, clap::Args)]
@@ -32,6 +32,9 @@ pub struct Args {
     /// Per stage and in total, as JSON: count, median, p99 and maximum in ms; and what became of the frames
     #[arg(long, value_name = "F.json")]
     stats: Option<PathBuf>,
+    /// One page to look at: plots of the motion before and after, frames before and after
+    #[arg(long, value_name = "F.html")]
+    report: Option<PathBuf>,
     /// Input and output side by side: in OUT, or with --compare=FILE in a file of its own
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     compare: Option<Option<PathBuf>>,
@@ -44,7 +47,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = args.settings.read()?;
     let compare = args.compare.as_ref().and_then(Option::as_ref);
-    let reports = [&args.trace, &args.stats].into_iter().flatten().chain(compare);
+    let reports = [&args.trace, &args.stats, &args.report].into_iter().flatten().chain(compare);
     let outputs: Vec<&Path> = reports.chain([&args.output]).map(PathBuf::as_path).collect();
     all_differ(&args.input, &outputs)?;
 
@@ -63,6 +66,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if let Some(path) = &args.stats {
         watch.stats_file = Some(ReportFile::create(path)?);
+    }
+    if let Some(path) = &args.report {
+        let report = Report::new(&settings, &format, &args.input.to_string_lossy());
+        watch.report = Some((report, ReportFile::create(path)?));
     }
     let ran = run_inline(&mut source, sink.as_mut(), &settings.pipeline, &stop, &mut watch);
     let totals = watch.end(ran)?;

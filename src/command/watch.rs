@@ -11,7 +11,7 @@ use crate::device::DeviceError;
 use crate::frame::Frame;
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
-use crate::report::{Compare, Stats, Trace};
+use crate::report::{Compare, Report, Stats, Trace};
 use crate::rt::stop::Stop;
 use crate::stage::shutter::Model;
 
@@ -21,6 +21,8 @@ pub(super) struct Watch {
     pub(super) compare: Option<Compare>,
     /// Where the times go.
     pub(super) stats_file: Option<ReportFile>,
+    /// The page.
+    pub(super) report: Option<(Report, ReportFile)>,
     /// The times.
     pub(super) stats: Stats,
     trace: Option<(Trace<BufWriter<File>>, PathBuf)>,
@@ -34,6 +36,7 @@ impl Watch {
         Self {
             compare: None,
             stats_file: None,
+            report: None,
             stats: Stats::default(),
             trace: None,
             progress: Progress::new(what, frames),
@@ -69,7 +72,8 @@ impl Watch {
                 Err(error) => Err(Failure::new(Exit::Io, format!("cannot write the times as JSON: {error}"))),
             },
         };
-        ran.map_err(Failure::from).and_then(|totals| traced.and(compared).and(timed).map(|()| totals))
+        let reported = self.report.map_or(Ok(()), |(report, file)| file.fill(&report.html(&totals, &self.stats)));
+        ran.map_err(Failure::from).and_then(|totals| traced.and(compared).and(timed).and(reported).map(|()| totals))
     }
 
     /// Shows something to each observer there is.
@@ -78,6 +82,7 @@ impl Watch {
         show(&mut self.progress);
         self.trace.iter_mut().for_each(|(trace, _)| show(trace));
         self.compare.iter_mut().for_each(|compare| show(compare));
+        self.report.iter_mut().for_each(|(report, _)| show(report));
     }
 }
 

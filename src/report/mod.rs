@@ -2,12 +2,14 @@
 
 mod compare;
 mod histogram;
+mod html;
 mod names;
 mod stats;
 mod trace;
 
 pub use compare::{Compare, compare_format};
 pub use histogram::Histogram;
+pub use html::Report;
 pub use names::{Axis, MotionNames, outcome_name};
 pub use stats::Stats;
 pub use trace::Trace;
