@@ -8,6 +8,7 @@ mod error;
 mod input;
 pub mod null;
 mod output;
+pub mod synthetic;
 pub mod y4m;
 
 pub use error::DeviceError;
