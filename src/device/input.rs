@@ -11,6 +11,9 @@ pub const STANDARD_STREAM: &str = "-";
 
 const BUFFER: usize = 1 << 16;
 
+/// Step by which memory for long pieces grows.
+const GROWTH: usize = 1 << 20;
+
 /// A file or standard input being read.
 pub struct Input {
     path: PathBuf,
@@ -99,6 +102,27 @@ impl Input {
             }
         }
         self.position += filled as u64;
+        Ok(filled)
+    }
+
+    /// Reads `len` bytes into the front of `buffer`, which grows with what is there to read, not with what is asked for; says how
+    /// many there were. A buffer that was large enough before is not touched beyond them.
+    ///
+    /// # Errors
+    /// [`DeviceError::Io`].
+    pub fn read_into(&mut self, len: usize, buffer: &mut Vec<u8>) -> Result<usize, DeviceError> {
+        let mut filled = 0;
+        while filled < len {
+            let end = len.min(buffer.len().max(filled + GROWTH));
+            if buffer.len() < end {
+                buffer.resize(end, 0);
+            }
+            let found = self.read(&mut buffer[filled..end])?;
+            filled += found;
+            if filled < end {
+                break;
+            }
+        }
         Ok(filled)
     }
 

@@ -8,6 +8,8 @@ mod error;
 mod input;
 pub mod null;
 mod output;
+pub mod recording;
+pub mod replay;
 pub mod synthetic;
 pub mod y4m;
 

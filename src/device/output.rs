@@ -59,4 +59,9 @@ impl Output {
     pub fn flush(&mut self) -> Result<(), DeviceError> {
         self.writer.flush().map_err(|error| DeviceError::io(&self.path, "write", error))
     }
+
+    /// A [`DeviceError::Format`] about this output.
+    pub(super) fn format_error(&self, what: impl Into<String>) -> DeviceError {
+        DeviceError::format(&self.path, what)
+    }
 }

@@ -1,7 +1,7 @@
 //! What the synthetic camera looks at: a far, painted wall, made up from a seed.
 //!
-//! Clouds of several sizes, and on them thousands of rectangles and discs in all sizes and directions, so that there are corners
-//! wherever and from however far one looks. Edges are softened over about two texels, so that the wall may be sampled at a
+//! Clouds of several sizes, and on them thousands of rectangles and discs in all sizes, most of them upright, so that there are
+//! corners wherever and from however far one looks. Edges are softened over about two texels, so that the wall may be sampled at a
 //! fraction of a texel.
 
 use super::random::{Random, mix};
@@ -34,7 +34,7 @@ impl Scene {
     /// Paints the wall of `seed`.
     pub(super) fn new(seed: u64) -> Self {
         let mut luma = Canvas::clouds(WIDTH, HEIGHT, seed, &[(420.0, 45.0), (130.0, 25.0), (37.0, 14.0)], 120.0);
-        let octaves = [(300.0, 18.0), (90.0, 8.0)];
+        let octaves = [(300.0, 10.0), (90.0, 5.0)];
         let mut u = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 1, &octaves, 128.0);
         let mut v = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 2, &octaves, 128.0);
         let mut random = Random::new(seed ^ 0x7363_656e_65);
@@ -44,8 +44,8 @@ impl Scene {
                 luma.paint(&shape, 1.0, random.uniform(24.0, 228.0) as f32);
                 // Small things are not coloured: a chroma texel is as large as they are.
                 if smallest > 10.0 {
-                    u.paint(&shape, 0.5, random.uniform(84.0, 172.0) as f32);
-                    v.paint(&shape, 0.5, random.uniform(84.0, 172.0) as f32);
+                    u.paint(&shape, 0.5, random.uniform(108.0, 148.0) as f32);
+                    v.paint(&shape, 0.5, random.uniform(108.0, 148.0) as f32);
                 }
             }
         }
@@ -95,7 +95,9 @@ struct Shape {
 
 impl Shape {
     fn new(random: &mut Random, smallest: f64, largest: f64) -> Self {
-        let (sin, cos) = random.uniform(0.0, std::f64::consts::TAU).sin_cos();
+        // Most stand upright, as what people build does: so one sees a picture lean.
+        let upright = random.bits() % 4 != 0;
+        let (sin, cos) = if upright { (0.0, 1.0) } else { random.uniform(0.0, std::f64::consts::TAU).sin_cos() };
         let size = |random: &mut Random| random.uniform(smallest, largest) as f32;
         Self {
             centre: [random.uniform(0.0, WIDTH as f64) as f32, random.uniform(0.0, HEIGHT as f64) as f32],

@@ -12,6 +12,7 @@ const LONGEST_LINE: usize = 2048;
 const FRAME: &[u8] = b"FRAME";
 
 /// A y4m stream from a file or standard input. Holds one frame in memory, however long the stream.
+/// However large a header says frames are, memory grows only with the bytes that come.
 ///
 /// Frame `n` is stamped `n` intervals after 0. A stream that ends within a frame gives all whole frames first, then a
 /// [`DeviceError::Format`] that says where, then the end.
@@ -20,6 +21,7 @@ pub struct Y4mSource {
     input: Input,
     format: StreamFormat,
     frames: Option<u64>,
+    frame_bytes: usize,
     bytes: Vec<u8>,
     line: Vec<u8>,
     next: u64,
@@ -52,7 +54,7 @@ impl Y4mSource {
         let frame_bytes = format.frame_bytes().ok_or_else(too_large)?;
         let per_frame = frame_bytes as u64 + FRAME.len() as u64 + 1;
         let frames = input.len().map(|len| len.saturating_sub(input.position()) / per_frame);
-        Ok(Self { input, format, frames, bytes: vec![0; frame_bytes], line, next: 0, ended: false })
+        Ok(Self { input, format, frames, frame_bytes, bytes: Vec::new(), line, next: 0, ended: false })
     }
 
     /// Reads the next frame into `self.bytes`; `false` at the end.
@@ -71,13 +73,13 @@ impl Y4mSource {
                 if cut { "the stream ends within a frame's header" } else { "expected the word FRAME, found other bytes" };
             return Err(self.input.format_error(format!("damaged at byte {start}, before frame {n}: {what}")));
         }
-        let found = self.input.read(&mut self.bytes)?;
-        if found < self.bytes.len() {
+        let found = self.input.read_into(self.frame_bytes, &mut self.bytes)?;
+        if found < self.frame_bytes {
             return Err(self.input.format_error(format!(
                 "truncated: ends at byte {} within frame {n}, which begins at byte {start} and has {found} of {} bytes; \
                  the {n} frames before it are whole",
                 self.input.position(),
-                self.bytes.len(),
+                self.frame_bytes,
             )));
         }
         Ok(true)
@@ -106,6 +108,6 @@ impl FrameSource for Y4mSource {
         let stamp =
             Stamp { time_ns: self.format.nominal_time_ns(self.next), sequence: self.next, flags: FrameFlags::default() };
         self.next += 1;
-        Ok(Lent::Frame(RawFrame { format: self.format, bytes: &self.bytes, stamp }))
+        Ok(Lent::Frame(RawFrame { format: self.format, bytes: &self.bytes[..self.frame_bytes], stamp }))
     }
 }
