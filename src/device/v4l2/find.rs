@@ -8,70 +8,61 @@ use super::super::DeviceError;
 use super::enumerate::{LOOPBACK_DRIVER, kernel_name, nodes};
 use super::node::{Direction, Identity, Node};
 
-/// The node that `device` means: a number (`0`), a path (`/dev/video0`), a card name (`HD Pro Webcam C920`, whole or the only one
-/// beginning so), or `auto`: the first camera that is no loopback, for output the first loopback.
+/// The node that `device` means: a number (`0`), a path (`/dev/video0`), a card name or a part of one that only one card has
+/// (`HD Pro Webcam C920`, `c920`), or `auto`: the first camera that is no loopback, for output the first loopback.
 ///
 /// # Errors
 /// Where no device, or more than one, answers to it; the error lists those there are.
 pub fn find(device: &str, direction: Direction) -> Result<PathBuf, DeviceError> {
+    let found = candidates(device, direction)?.into_iter().next();
+    found.ok_or_else(|| DeviceError::Gone { path: PathBuf::from(device) })
+}
+
+/// The nodes to try for `device`, best first, at least one: as [`find`], with every loopback that `auto` may mean.
+pub(super) fn candidates(device: &str, direction: Direction) -> Result<Vec<PathBuf>, DeviceError> {
     let device = device.trim();
     if device.starts_with('/') {
-        return Ok(PathBuf::from(device));
+        return Ok(vec![PathBuf::from(device)]);
     }
     if !device.is_empty() && device.bytes().all(|byte| byte.is_ascii_digit()) {
-        return Ok(PathBuf::from(format!("/dev/video{device}")));
+        return Ok(vec![PathBuf::from(format!("/dev/video{device}"))]);
     }
     let known: Vec<_> = nodes().into_iter().map(|path| (identify(&path), path)).collect();
-    pick(device, direction, known)
+    pick(device, direction, &known)
 }
 
 /// The choice of [`find`] among `known` nodes.
-fn pick(device: &str, direction: Direction, known: Vec<(Seen, PathBuf)>) -> Result<PathBuf, DeviceError> {
-    let serves = |seen: &Seen| match &seen.identity {
-        // A loopback made with exclusive_caps says CAPTURE alone while somebody writes to it; opening it tells.
-        Some(identity) => identity.caps & capability(direction) != 0 || identity.driver == LOOPBACK_DRIVER,
-        // One that cannot be opened may be the one that is meant: opening it will say why not.
-        None => true,
-    };
+fn pick(device: &str, direction: Direction, known: &[(Seen, PathBuf)]) -> Result<Vec<PathBuf>, DeviceError> {
     let auto = device.is_empty() || device.eq_ignore_ascii_case("auto");
-    let matches: Vec<_> = if auto {
-        let loopback = |seen: &Seen| seen.identity.as_ref().is_some_and(|identity| identity.driver == LOOPBACK_DRIVER);
+    let name = device.to_lowercase();
+    let chosen = |fits: &dyn Fn(&Seen) -> bool| -> Vec<_> { known.iter().filter(|(seen, _)| fits(seen)).collect() };
+    let found = if auto {
         let wanted = direction == Direction::Output;
-        let mut fit = known.iter().filter(|(seen, _)| seen.identity.is_some() && serves(seen) && loopback(seen) == wanted);
-        fit.next().into_iter().collect()
+        chosen(&|seen| seen.identity.is_some() && seen.serves(direction) && seen.is_loopback() == wanted)
     } else {
-        let name = device.to_lowercase();
-        let whole: Vec<_> = known.iter().filter(|(seen, _)| serves(seen) && seen.card.to_lowercase() == name).collect();
-        if whole.is_empty() {
-            known.iter().filter(|(seen, _)| serves(seen) && seen.card.to_lowercase().starts_with(&name)).collect()
-        } else {
-            whole
-        }
+        let whole = chosen(&|seen| seen.serves(direction) && seen.card.to_lowercase() == name);
+        let part = || chosen(&|seen| seen.serves(direction) && seen.card.to_lowercase().contains(&name));
+        if whole.is_empty() { part() } else { whole }
     };
-    match matches.as_slice() {
-        [(_, path)] => Ok(path.clone()),
-        // A camera with several nodes of one name: the first is the picture.
-        [(first, path), rest @ ..] if rest.iter().all(|(seen, _)| seen.card == first.card && seen.same_bus(first)) => {
-            Ok(path.clone())
-        }
-        found => {
-            let role = if direction == Direction::Capture { "camera" } else { "loopback device" };
-            let listed = if found.is_empty() { known.iter().collect() } else { found.to_vec() };
-            let names: Vec<_> = listed.iter().map(|(seen, path)| format!("{} ({})", path.display(), seen.card)).collect();
-            let count = if found.is_empty() { "no" } else { "more than one" };
-            let there = if names.is_empty() {
-                "there is no video device at all".into()
-            } else {
-                format!("there is {}", names.join(", "))
-            };
-            let advice = match direction {
-                Direction::Output if found.is_empty() => super::LOAD_LOOPBACK,
-                _ => "name it by number, path or card name",
-            };
-            let what = format!("{count} {role} answers to this; {there}; {advice}");
-            Err(DeviceError::Unsupported { path: PathBuf::from(if auto { "auto" } else { device }), what })
-        }
+    // One camera often has several nodes of one name: the first has the picture.
+    let one =
+        |found: &[&(Seen, PathBuf)]| found.windows(2).all(|two| two[0].0.card == two[1].0.card && two[0].0.same_bus(&two[1].0));
+    if !found.is_empty() && (auto || one(&found)) {
+        return Ok(found.into_iter().map(|(_, path)| path.clone()).collect());
     }
+    let role = if direction == Direction::Capture { "camera" } else { "loopback device" };
+    let count = if found.is_empty() { "no" } else { "more than one" };
+    let listed = if found.is_empty() { known.iter().collect() } else { found.clone() };
+    let names: Vec<_> = listed.iter().map(|(seen, path)| format!("{} ({})", path.display(), seen.card)).collect();
+    let there =
+        if names.is_empty() { "there is no video device at all".into() } else { format!("there is {}", names.join(", ")) };
+    let advice = match direction {
+        Direction::Output if found.is_empty() => super::LOAD_LOOPBACK,
+        Direction::Capture if known.is_empty() => "plug a camera in",
+        _ => "name it by number, path or card name",
+    };
+    let what = format!("{count} {role} answers to this; {there}; {advice}");
+    Err(DeviceError::Unsupported { path: PathBuf::from(if auto { "auto" } else { device }), what })
 }
 
 /// A node as far as it can be told without its formats.
@@ -82,6 +73,16 @@ struct Seen {
 }
 
 impl Seen {
+    /// Whether frames can go that way; true where that cannot be told: opening it will say why not.
+    fn serves(&self, direction: Direction) -> bool {
+        // A loopback made with exclusive_caps says CAPTURE alone while somebody writes to it.
+        self.identity.as_ref().is_none_or(|identity| identity.caps & capability(direction) != 0 || self.is_loopback())
+    }
+
+    fn is_loopback(&self) -> bool {
+        self.identity.as_ref().is_some_and(|identity| identity.driver == LOOPBACK_DRIVER)
+    }
+
     fn same_bus(&self, other: &Self) -> bool {
         match (&self.identity, &other.identity) {
             (Some(one), Some(two)) => one.bus == two.bus,
@@ -131,12 +132,12 @@ mod tests {
 
     #[test]
     fn by_name() {
-        let find = |name: &str, direction| pick(name, direction, desk()).map(|path| path.display().to_string());
+        let find = |name: &str, direction| pick(name, direction, &desk()).map(|paths| paths[0].display().to_string());
         assert_eq!(find("HD Pro Webcam C920", Direction::Capture).unwrap(), "/dev/video2", "not its metadata node");
-        assert_eq!(find("hd pro", Direction::Capture).unwrap(), "/dev/video2");
+        assert_eq!(find("c920", Direction::Capture).unwrap(), "/dev/video2");
         assert_eq!(find("Integrated Camera", Direction::Capture).unwrap(), "/dev/video4", "the whole name goes first");
         assert_eq!(find("gimbald", Direction::Output).unwrap(), "/dev/video0");
-        let several = find("integ", Direction::Capture).unwrap_err().to_string();
+        let several = find("camera", Direction::Capture).unwrap_err().to_string();
         assert!(several.contains("more than one") && several.contains("/dev/video5"), "{several}");
         let none = find("C270", Direction::Capture).unwrap_err().to_string();
         assert!(none.contains("no camera") && none.contains("Integrated Camera IR"), "{none}");
@@ -144,9 +145,9 @@ mod tests {
 
     #[test]
     fn by_itself() {
-        assert_eq!(pick("auto", Direction::Capture, desk()).unwrap(), Path::new("/dev/video2"), "no loopback");
-        assert_eq!(pick("auto", Direction::Output, desk()).unwrap(), Path::new("/dev/video0"));
-        let none = pick("auto", Direction::Output, Vec::new()).unwrap_err().to_string();
+        assert_eq!(pick("auto", Direction::Capture, &desk()).unwrap()[0], Path::new("/dev/video2"), "no loopback");
+        assert_eq!(pick("auto", Direction::Output, &desk()).unwrap(), [Path::new("/dev/video0")]);
+        let none = pick("auto", Direction::Output, &[]).unwrap_err().to_string();
         assert!(none.contains("modprobe v4l2loopback"), "{none}");
     }
 }

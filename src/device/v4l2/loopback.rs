@@ -1,6 +1,6 @@
 //! A v4l2loopback device as a sink: what gimbald draws becomes a camera for every other program.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::io::Errno;
 use v4l::v4l_sys::{
@@ -12,17 +12,18 @@ use v4l::v4l_sys::{
 use super::super::{DeviceError, FrameSink, StreamFormat};
 use super::LOAD_LOOPBACK;
 use super::enumerate::LOOPBACK_DRIVER;
-use super::find::find;
+use super::find::candidates;
 use super::node::{Direction, Node, wish};
 use super::queue::Queue;
 use crate::frame::Stamp;
-use crate::image::{Colour, Picture, PictureMut, PictureRef, PixelFormat, PlaneMut, Range, Sampling};
+use crate::image::{Colour, Picture, PictureMut, PixelFormat, Range, RawLayout, Sampling};
+use crate::kernel::{Level, convert::pack};
 use crate::rt::clock::monotonic_ns;
 
 /// Which device, and what to send to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopbackParams {
-    /// Number, path or card name, as [`find`] takes it.
+    /// Number, path or card name, as [`find`](super::find) takes it; `auto` is the first that is free.
     pub device: String,
     /// Layout of the frames: YUYV, I420 or NV12.
     pub pixel: PixelFormat,
@@ -51,6 +52,7 @@ pub struct Loopback {
     direct: bool,
     /// The canvas where the frames' layout is not the pipeline's, or where no buffer is free.
     spare: Picture,
+    level: Level,
     sent: u64,
     dropped: u64,
 }
@@ -62,7 +64,17 @@ impl Loopback {
     /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
     /// holds another format, else [`DeviceError::Io`]; each says what to do.
     pub fn open(params: &LoopbackParams) -> Result<Self, DeviceError> {
-        let path = find(&params.device, Direction::Output)?;
+        let mut busy = None;
+        for path in candidates(&params.device, Direction::Output)? {
+            match Self::open_path(path, params) {
+                Err(error @ DeviceError::Busy { .. }) => busy = busy.or(Some(error)),
+                other => return other,
+            }
+        }
+        Err(busy.unwrap_or(DeviceError::Gone { path: PathBuf::from(&params.device) }))
+    }
+
+    fn open_path(path: PathBuf, params: &LoopbackParams) -> Result<Self, DeviceError> {
         let refuse = |what: String| Err(DeviceError::Unsupported { path: path.clone(), what });
         if !matches!(params.pixel, PixelFormat::Yuyv | PixelFormat::I420 | PixelFormat::Nv12) {
             return refuse(format!("frames of {} cannot be written to a loopback; choose YUYV, YU12 or NV12", params.pixel));
@@ -94,6 +106,7 @@ impl Loopback {
             current: None,
             direct: false,
             spare: Picture::new(Sampling::S420, format.width as usize, format.height as usize),
+            level: Level::detected(),
             sent: 0,
             dropped: 0,
         };
@@ -136,11 +149,10 @@ impl FrameSink for Loopback {
         if self.current.is_none() {
             self.current = self.free_buffer()?;
         }
-        let (width, height, stride) = (self.format.width as usize, self.format.height as usize, self.format.stride);
         self.direct = self.format.pixel == PixelFormat::I420 && self.current.is_some();
         if self.direct
             && let Some(index) = self.current
-            && let Some(picture) = planar(self.queue.bytes_mut(index), width, height, stride)
+            && let Some(picture) = planar(&self.format, self.queue.bytes_mut(index))
         {
             return Ok(picture);
         }
@@ -157,7 +169,10 @@ impl FrameSink for Loopback {
             return Ok(());
         };
         if !self.direct {
-            pack(self.spare.as_ref(), &self.format, self.queue.bytes_mut(index));
+            let StreamFormat { pixel, stride, .. } = self.format;
+            pack(self.level, self.spare.as_ref(), pixel, stride, self.queue.bytes_mut(index)).map_err(|error| {
+                DeviceError::Unsupported { path: self.queue.node().path().to_path_buf(), what: error.to_string() }
+            })?;
         }
         self.direct = false;
         // Zero would mean "now", and v4l2loopback wants always or never.
@@ -233,103 +248,15 @@ fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, Devi
     Ok(StreamFormat { stride, interval, colour: params.colour, ..tight })
 }
 
-/// `bytes` as a planar 4:2:0 picture, chroma rows half as far apart as luma rows; `None` where they do not hold it.
-fn planar(bytes: &mut [u8], width: usize, height: usize, stride: usize) -> Option<PictureMut<'_>> {
-    let (cw, ch) = Sampling::S420.chroma_size(width, height);
-    let chroma_stride = stride.div_ceil(2);
-    let (y, rest) = bytes.split_at_mut_checked(stride.checked_mul(height)?)?;
-    let (u, rest) = rest.split_at_mut_checked(chroma_stride.checked_mul(ch)?)?;
-    let (v, _) = rest.split_at_mut_checked(chroma_stride.checked_mul(ch)?)?;
-    let planes = [
-        PlaneMut::new(y, width, height, stride)?,
-        PlaneMut::new(u, cw, ch, chroma_stride)?,
-        PlaneMut::new(v, cw, ch, chroma_stride)?,
-    ];
-    Some(PictureMut { sampling: Sampling::S420, planes })
-}
-
-/// Writes `picture` (4:2:0) into `bytes` as `format` has it.
-fn pack(picture: PictureRef<'_>, format: &StreamFormat, bytes: &mut [u8]) {
-    let (width, stride) = (picture.width(), format.stride);
-    let [y, u, v] = picture.planes;
-    match format.pixel {
-        PixelFormat::Yuyv => {
-            for (row, out) in bytes.chunks_exact_mut(stride).take(picture.height()).enumerate() {
-                let chroma = u.row(row / 2).iter().zip(v.row(row / 2));
-                for ((out, luma), (u, v)) in out.chunks_exact_mut(4).zip(y.row(row).chunks_exact(2)).zip(chroma) {
-                    out.copy_from_slice(&[luma[0], *u, luma[1], *v]);
-                }
-            }
-        }
-        PixelFormat::Nv12 => {
-            let Some((luma, chroma)) = bytes.split_at_mut_checked(stride * picture.height()) else { return };
-            for (row, out) in luma.chunks_exact_mut(stride).enumerate() {
-                out[..width].copy_from_slice(y.row(row));
-            }
-            for (row, out) in chroma.chunks_exact_mut(stride).take(u.height()).enumerate() {
-                for (out, (u, v)) in out.chunks_exact_mut(2).zip(u.row(row).iter().zip(v.row(row))) {
-                    out.copy_from_slice(&[*u, *v]);
-                }
-            }
-        }
-        // I420, drawn aside because no buffer was free then.
-        _ => {
-            if let Some(mut to) = planar(bytes, width, picture.height(), stride) {
-                for (to, from) in to.planes.iter_mut().zip([y, u, v]) {
-                    to.copy_from(from);
-                }
-            }
-        }
-    }
+/// `bytes` as a picture to draw into, where their layout is the pipeline's own (I420).
+fn planar<'a>(format: &StreamFormat, bytes: &'a mut [u8]) -> Option<PictureMut<'a>> {
+    let layout = RawLayout::new(format.pixel, format.width, format.height, format.stride)?;
+    Some(PictureMut { sampling: Sampling::S420, planes: layout.planes_mut(bytes)? })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A picture each of whose samples tells its place.
-    fn picture(width: usize, height: usize) -> Picture {
-        let mut picture = Picture::new(Sampling::S420, width, height);
-        for (plane, base) in picture.as_mut().planes.iter_mut().zip([0, 100, 200]) {
-            for row in 0..plane.height() {
-                for (x, sample) in plane.row_mut(row).iter_mut().enumerate() {
-                    *sample = (base + row * 10 + x) as u8;
-                }
-            }
-        }
-        picture
-    }
-
-    fn packed(pixel: PixelFormat, stride: usize, len: usize) -> Vec<u8> {
-        let format = StreamFormat { stride, ..StreamFormat::tight(4, 2, pixel, (1, 30)) };
-        let mut bytes = vec![255; len];
-        pack(picture(4, 2).as_ref(), &format, &mut bytes);
-        bytes
-    }
-
-    #[test]
-    fn packed_as_v4l2_has_it() {
-        let yuyv = [0, 100, 1, 200, 2, 101, 3, 201, 10, 100, 11, 200, 12, 101, 13, 201];
-        assert_eq!(packed(PixelFormat::Yuyv, 8, 16), yuyv);
-        let nv12 = [0, 1, 2, 3, 10, 11, 12, 13, 100, 200, 101, 201];
-        assert_eq!(packed(PixelFormat::Nv12, 4, 12), nv12);
-        let i420 = [0, 1, 2, 3, 10, 11, 12, 13, 100, 101, 200, 201];
-        assert_eq!(packed(PixelFormat::I420, 4, 12), i420);
-    }
-
-    #[test]
-    fn rows_further_apart_keep_their_padding() {
-        let bytes = packed(PixelFormat::Nv12, 6, 18);
-        assert_eq!(bytes, [0, 1, 2, 3, 255, 255, 10, 11, 12, 13, 255, 255, 100, 200, 101, 201, 255, 255]);
-        assert_eq!(packed(PixelFormat::I420, 6, 18)[12..], [100, 101, 255, 200, 201, 255], "chroma 3 apart");
-    }
-
-    #[test]
-    fn too_little_memory_is_no_panic() {
-        for pixel in [PixelFormat::Yuyv, PixelFormat::Nv12, PixelFormat::I420] {
-            packed(pixel, 8, 7);
-        }
-    }
 
     #[test]
     fn what_cannot_be_is_said_before_anything_is_opened() {
