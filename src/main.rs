@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use gimbald::command::{Exit, Failure, replay};
+use gimbald::command::{Exit, Failure, check, demo, devices, record, replay};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -17,6 +17,14 @@ struct Arguments {
 enum Command {
     /// Stabilize a recorded stream
     Replay(replay::Args),
+    /// Record a camera's frames as they come
+    Record(record::Args),
+    /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
+    Demo(demo::Args),
+    /// List cameras and loopback devices
+    Devices,
+    /// Check a configuration file, or read a recorded stream through
+    Check(check::Args),
 }
 
 fn main() -> ExitCode {
@@ -30,6 +38,10 @@ fn main() -> ExitCode {
     };
     let ended = match &arguments.command {
         Command::Replay(args) => replay::run(args),
+        Command::Record(args) => record::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Devices => devices::run(),
+        Command::Check(args) => check::run(args),
     };
     match ended {
         Ok(()) => Exit::Ok.into(),

@@ -103,7 +103,9 @@ impl From<DeviceError> for Failure {
     fn from(error: DeviceError) -> Self {
         let exit = match &error {
             DeviceError::Io { doing: "create", .. } => Exit::CannotCreate,
-            DeviceError::Io { doing: "open", path, .. } if path.starts_with("/dev") => Exit::Unavailable,
+            DeviceError::Io { path, .. } if path.to_str().is_some_and(|path| path.starts_with("/dev/video")) => {
+                Exit::Unavailable
+            }
             DeviceError::Io { doing: "open", .. } => Exit::NoInput,
             DeviceError::Io { .. } => Exit::Io,
             DeviceError::Format { .. } => Exit::BadData,

@@ -6,6 +6,11 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::{Exit, Failure};
+use crate::device::digest::DigestSink;
+use crate::device::null::NullSink;
+use crate::device::recording::RecordingSink;
+use crate::device::y4m::Y4mSink;
+use crate::device::{FrameSink, Output, StreamFormat};
 
 /// Refuses a command line in which one file would be written that is also read, or written twice.
 ///
@@ -33,6 +38,31 @@ fn same(a: &Path, b: &Path) -> bool {
         (Err(_), Err(_)) => a == b && a.as_os_str() != "-",
         _ => false,
     }
+}
+
+/// The ending of a recording's name.
+pub(super) const RECORDING: &str = "gbr";
+
+/// Opens a place for pictures of frames of `format`, by its name.
+///
+/// # Errors
+/// A name that does not say what to write, or a file that cannot be created.
+pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn FrameSink>, Failure> {
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("").to_ascii_lowercase();
+    Ok(match (path.to_str(), extension.as_str()) {
+        (Some("-"), _) | (_, "y4m") => Box::new(Y4mSink::create(path, format)?),
+        (Some("null:"), _) => Box::new(NullSink::new(format)),
+        (Some("digest:"), _) => Box::new(DigestSink::new(format).with_lines(Output::create(Path::new("-"))?)),
+        (_, RECORDING) => Box::new(RecordingSink::create(path, format)?),
+        _ => {
+            let what = format!(
+                "{}: the name does not say what to write; end it in .y4m or .{RECORDING}, or give - (y4m on standard output), \
+                 digest: or null:",
+                path.display()
+            );
+            return Err(Failure::new(Exit::Usage, what));
+        }
+    })
 }
 
 /// A file for a report, made before the work begins: a name that cannot be written is told at once, not after an hour.

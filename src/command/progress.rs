@@ -30,6 +30,11 @@ impl Progress {
         Self(bar)
     }
 
+    /// One frame more.
+    pub(super) fn step(&self) {
+        self.0.inc(1);
+    }
+
     /// Takes the bar away.
     pub(super) fn finish(self) {
         self.0.finish_and_clear();
@@ -40,6 +45,6 @@ impl Observer for Progress {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
 
     fn sent(&mut self, _: &Frame) {
-        self.0.inc(1);
+        self.step();
     }
 }

@@ -3,23 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
-use super::place::{ReportFile, all_differ};
+use super::place::{ReportFile, all_differ, open_sink};
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
-use crate::device::digest::DigestSink;
 use crate::device::null::NullSink;
-use crate::device::y4m::{Y4mSink, Y4mSource};
-use crate::device::{FrameSink, FrameSource, Output, StreamFormat};
+use crate::device::{FrameSink, replay};
 use crate::pipeline::run_inline;
 use crate::report::{Compare, Report, compare_format};
 
 /// Arguments of `replay`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Recorded stream: a y4m file, or - for standard input
+    /// Recorded stream: a y4m file, a recording (.gbr), or - for standard input
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Where the steady stream goes: a .y4m file, - for y4m on standard output,
+    /// Where the steady stream goes: a .y4m file, a recording (.gbr), - for y4m on standard output,
     /// digest: for a line per frame on standard output, null: for nowhere
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
@@ -51,9 +49,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let outputs: Vec<&Path> = reports.chain([&args.output]).map(PathBuf::as_path).collect();
     all_differ(&args.input, &outputs)?;
 
-    let mut source = Y4mSource::open(&args.input)?;
+    let mut source = replay::open(&args.input)?;
     let format = source.format();
-    let stop = stop_on_signal()?;
+    let stop = stop_on_signal(None)?;
     let (mut sink, compare): (Box<dyn FrameSink>, _) = match &args.compare {
         None => (open_sink(&args.output, &format)?, None),
         Some(None) => (Box::new(NullSink::new(&format)), Some(open_sink(&args.output, &compare_format(&format))?)),
@@ -71,28 +69,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let report = Report::new(&settings, &format, &args.input.to_string_lossy());
         watch.report = Some((report, ReportFile::create(path)?));
     }
-    let ran = run_inline(&mut source, sink.as_mut(), &settings.pipeline, &stop, &mut watch);
+    let ran = run_inline(source.as_mut(), sink.as_mut(), &settings.pipeline, &stop, &mut watch);
     let totals = watch.end(ran)?;
     if stop.is_set() {
         let what = format!("interrupted after {} frames; what was written holds these", totals.frames_out);
         return Err(Failure::new(Exit::Interrupted, what));
     }
     Ok(())
-}
-
-/// Opens a place for pictures of frames of `format`, by its name.
-pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn FrameSink>, Failure> {
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("").to_ascii_lowercase();
-    Ok(match (path.to_str(), extension.as_str()) {
-        (Some("-"), _) | (_, "y4m") => Box::new(Y4mSink::create(path, format)?),
-        (Some("null:"), _) => Box::new(NullSink::new(format)),
-        (Some("digest:"), _) => Box::new(DigestSink::new(format).with_lines(Output::create(Path::new("-"))?)),
-        _ => {
-            let what = format!(
-                "{}: the name does not say what to write; end it in .y4m, or give - (y4m on standard output), digest: or null:",
-                path.display()
-            );
-            return Err(Failure::new(Exit::Usage, what));
-        }
-    })
 }

@@ -74,7 +74,8 @@ impl Warper {
                 let right = between(above, below, part);
                 // the samples of this cell: those left of its right edge
                 let edge = (i as f32 * cell[0] - offset[0]) / scale[0];
-                let end = if i + 1 == self.columns { width } else { (edge as usize + usize::from(edge.fract() > 0.0)).min(width) };
+                let end =
+                    if i + 1 == self.columns { width } else { (edge as usize + usize::from(edge.fract() > 0.0)).min(width) };
                 if end > x {
                     let into = x as f32 * scale[0] + offset[0] - (i - 1) as f32 * cell[0];
                     let step = [(right[0] - left[0]) / cell[0], (right[1] - left[1]) / cell[0]];
