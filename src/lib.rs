@@ -1,5 +1,6 @@
 //! A software gimbal for Linux webcams.
 
+pub mod command;
 pub mod config;
 pub mod device;
 pub mod frame;

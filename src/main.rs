@@ -1,3 +1,56 @@
 //! Arguments and exit codes.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use gimbald::command::{Exit, Failure, check, demo, devices, record, replay};
+
+/// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
+#[derive(Debug, Parser)]
+#[command(version, after_help = Exit::help())]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Stabilize a recorded stream
+    Replay(replay::Args),
+    /// Record a camera's frames as they come
+    Record(record::Args),
+    /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
+    Demo(demo::Args),
+    /// List cameras and loopback devices
+    Devices,
+    /// Check a configuration file, or read a recorded stream through
+    Check(check::Args),
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and version are no errors, and go to standard output. Nobody is left to tell that the terminal is gone.
+            let _ = error.print();
+            return if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() };
+        }
+    };
+    let ended = match &arguments.command {
+        Command::Replay(args) => replay::run(args),
+        Command::Record(args) => record::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Devices => devices::run(),
+        Command::Check(args) => check::run(args),
+    };
+    match ended {
+        Ok(()) => Exit::Ok.into(),
+        Err(Failure { exit, message }) => {
+            #[expect(clippy::print_stderr, reason = "the one place where the user is told of a failure")]
+            {
+                eprintln!("gimbald: {message}");
+            }
+            exit.into()
+        }
+    }
+}

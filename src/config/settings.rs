@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::read;
 use super::{Faults, Key, keys};
+use crate::device::v4l2::CaptureParams;
 use crate::image::PixelFormat;
 use crate::pipeline::Params;
 
@@ -88,6 +89,21 @@ impl fmt::Display for Level {
             Self::Debug => "debug",
             Self::Trace => "trace",
         })
+    }
+}
+
+impl Capture {
+    /// What to ask of the camera.
+    pub fn params(&self) -> CaptureParams {
+        let asked = |number: u32| (number > 0).then_some(number);
+        CaptureParams {
+            device: self.device.clone(),
+            format: self.format,
+            width: asked(self.width),
+            height: asked(self.height),
+            fps: (self.fps > 0.0).then_some(self.fps),
+            ..CaptureParams::default()
+        }
     }
 }
 

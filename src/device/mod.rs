@@ -14,6 +14,8 @@ pub mod replay;
 pub mod synthetic;
 pub mod y4m;
 
+pub mod v4l2;
+
 pub use error::DeviceError;
 pub use input::Input;
 pub use output::Output;

@@ -2,7 +2,7 @@
 
 use crate::device::{DeviceError, FrameSink, StreamFormat};
 use crate::frame::Frame;
-use crate::image::{PictureMut, PictureRef, PixelFormat, Sampling};
+use crate::image::{PictureMut, PictureRef};
 use crate::pipeline::Observer;
 use crate::rt::stop::Stop;
 
@@ -16,14 +16,9 @@ pub struct Compare {
 /// The planar format of a side-by-side picture of `output`: twice its width. Odd widths are padded by one column, so that
 /// chroma samples stay with their picture.
 pub fn compare_format(output: &StreamFormat) -> StreamFormat {
-    let pixel = match output.sampling() {
-        Sampling::Mono => PixelFormat::Grey,
-        Sampling::S420 => PixelFormat::I420,
-        Sampling::S422 => PixelFormat::I422,
-        Sampling::S444 => PixelFormat::I444,
-    };
+    let planar = output.planar();
     let width = output.width.next_multiple_of(2).saturating_mul(2);
-    StreamFormat { width, pixel, stride: pixel.tight_stride(width), ..*output }
+    StreamFormat { width, stride: planar.pixel.tight_stride(width), ..planar }
 }
 
 impl Compare {
@@ -79,7 +74,7 @@ fn side_by_side(left: PictureRef<'_>, right: PictureRef<'_>, mut canvas: Picture
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Picture;
+    use crate::image::{Picture, PixelFormat, Sampling};
 
     fn filled(sampling: Sampling, width: usize, height: usize, value: u8) -> Picture {
         let mut picture = Picture::new(sampling, width, height);

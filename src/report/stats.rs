@@ -5,7 +5,7 @@ use std::time::Instant;
 use serde_json::{Map, Value, json};
 
 use super::Histogram;
-use crate::frame::{Frame, Stage};
+use crate::frame::{Frame, HoldReason, Outcome, Stage};
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
 
@@ -14,12 +14,13 @@ use crate::pipeline::{Observer, Totals};
 pub struct Stats {
     stages: [Histogram; Stage::ALL.len()],
     total: Histogram,
+    seen: Totals,
     started: Instant,
 }
 
 impl Default for Stats {
     fn default() -> Self {
-        Self { stages: Default::default(), total: Histogram::default(), started: Instant::now() }
+        Self { stages: Default::default(), total: Histogram::default(), seen: Totals::default(), started: Instant::now() }
     }
 }
 
@@ -45,6 +46,11 @@ impl Stats {
     /// Times of whole frames: the sums of their stages.
     pub fn total(&self) -> Times {
         times(&self.total)
+    }
+
+    /// What became of the frames sent so far; all that is known where the run itself ended in an error.
+    pub fn seen(&self) -> Totals {
+        self.seen
     }
 
     /// Everything as JSON, with `totals` of the run. Times in milliseconds; `wall_s` counts from the making of the statistics.
@@ -85,6 +91,17 @@ impl Observer for Stats {
             total += ns;
         }
         self.total.add(total);
+        self.seen.frames_in += 1;
+        self.seen.frames_out += 1;
+        match frame.context.outcome {
+            Outcome::Stabilized => self.seen.stabilized += 1,
+            Outcome::Held(HoldReason::Damaged) => {
+                self.seen.held += 1;
+                self.seen.damaged += 1;
+            }
+            Outcome::PassedThrough(_) => self.seen.passed_through += 1,
+            Outcome::Pending => {}
+        }
     }
 }
 

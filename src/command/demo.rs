@@ -1,0 +1,196 @@
+//! `gimbald demo`: a shaky clip, made on the spot, and what becomes of it.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use super::interrupt::stop_on_signal;
+use super::place::ReportFile;
+use super::progress::Progress;
+use super::record::positive;
+use super::watch::Watch;
+use super::{Exit, Failure};
+use crate::config::Settings;
+use crate::device::null::NullSink;
+use crate::device::replay;
+use crate::device::synthetic::{self, Motion, Synthetic};
+use crate::device::y4m::Y4mSink;
+use crate::device::{FrameSink, FrameSource, Lent};
+use crate::frame::Frame;
+use crate::image::{Picture, PictureRef};
+use crate::pipeline::{Observer, run_inline};
+use crate::report::{Compare, Report, compare_format};
+use crate::rt::stop::Stop;
+use crate::stage::unpack::Unpack;
+
+/// Arguments of `demo`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Where the files go; made where it is not there
+    #[arg(long, value_name = "DIR", default_value = "demo-out")]
+    dir: PathBuf,
+    /// Length of the clip (seconds, at most 60)
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = positive)]
+    seconds: f64,
+    /// How the camera shakes: handheld, walk, desk, horizontal, vertical, pan or still
+    #[arg(long, value_name = "MOTION", default_value = "handheld")]
+    motion: Motion,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the directory or its files cannot be written.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let stop = stop_on_signal(None)?;
+    fs::create_dir_all(&args.dir).map_err(|error| Failure::creating(&args.dir, &error))?;
+    let file = |name: &str| args.dir.join(name);
+    let files = Files {
+        input: file("input.y4m"),
+        output: file("stabilized.y4m"),
+        beside: file("side-by-side.y4m"),
+        report: file("report.html"),
+    };
+
+    let camera = synthetic::Params::default();
+    let frames = (args.seconds.min(60.0) * camera.fps).round().max(2.0) as u64;
+    let camera = synthetic::Params { motion: args.motion, frames, ..camera };
+    film(&camera, &files.input, &stop)?;
+
+    let mut settings = Settings::default();
+    settings.pipeline.camera.readout_ms = camera.readout_ms;
+    settings.pipeline.camera.hfov_deg = camera.hfov_deg;
+    let before = stabilize(&settings, &files, &stop)?;
+    let after = measure(&settings, &files.output, &stop)?;
+    if stop.is_set() {
+        return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} holds a part of the demo", args.dir.display())));
+    }
+    tell(&files, &before, &after).map_err(|error| Failure::writing(Path::new("standard output"), &error))
+}
+
+/// What the demo leaves behind.
+struct Files {
+    input: PathBuf,
+    output: PathBuf,
+    beside: PathBuf,
+    report: PathBuf,
+}
+
+/// Writes the synthetic camera's clip.
+fn film(camera: &synthetic::Params, path: &Path, stop: &Stop) -> Result<(), Failure> {
+    let mut source = Synthetic::new(camera).map_err(|what| Failure::new(Exit::Usage, what))?;
+    let mut sink = Y4mSink::create(path, &source.format())?;
+    let (mut unpack, mut picture) = (Unpack::default(), Picture::default());
+    let progress = Progress::new("filming", Some(camera.frames));
+    while let (false, Lent::Frame(frame)) = (stop.is_set(), source.lend()?) {
+        let format = frame.format;
+        unpack
+            .unpack(format.pixel, (format.width, format.height), format.stride, frame.bytes, &mut picture)
+            .map_err(|error| Failure::new(Exit::BadData, format!("the synthetic camera's frame: {error}")))?;
+        sink.canvas()?.planes.iter_mut().zip(picture.as_ref().planes).for_each(|(to, from)| to.copy_from(from));
+        sink.submit(&frame.stamp)?;
+        progress.step();
+    }
+    progress.finish();
+    Ok(sink.finish()?)
+}
+
+/// Stabilizes the clip; writes the video, the side-by-side video and the page. Gives back how the input shook.
+fn stabilize(settings: &Settings, files: &Files, stop: &Stop) -> Result<Shake, Failure> {
+    let mut source = replay::open(&files.input)?;
+    let format = source.format();
+    let mut sink = Y4mSink::create(&files.output, &format)?;
+    let beside = Y4mSink::create(&files.beside, &compare_format(&format))?;
+    let mut watch = Watch::new("stabilizing", source.frames(), stop.clone());
+    watch.compare = Some(Compare::new(Box::new(beside), stop.clone()));
+    let report = Report::new(settings, &format, &files.input.to_string_lossy());
+    watch.report = Some((report, ReportFile::create(&files.report)?));
+    let mut both = (watch, Shake::default());
+    let ran = run_inline(source.as_mut(), &mut sink, &settings.pipeline, stop, &mut both);
+    both.0.end(ran)?;
+    Ok(both.1)
+}
+
+/// How a clip shakes: its frames are followed as an input's are, and what was drawn is thrown away.
+fn measure(settings: &Settings, path: &Path, stop: &Stop) -> Result<Shake, Failure> {
+    let mut source = replay::open(path)?;
+    let mut sink = NullSink::new(&source.format());
+    let mut both = (Watch::new("measuring", source.frames(), stop.clone()), Shake::default());
+    let ran = run_inline(source.as_mut(), &mut sink, &settings.pipeline, stop, &mut both);
+    both.0.end(ran)?;
+    Ok(both.1)
+}
+
+/// Both are shown everything.
+impl Observer for (Watch, Shake) {
+    fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
+        self.0.drawn(frame, output);
+        self.1.drawn(frame, output);
+    }
+
+    fn sent(&mut self, frame: &Frame) {
+        self.0.sent(frame);
+    }
+}
+
+/// How a clip shakes, from the homographies between its frames: how much the motion of the picture's centre, and its slant,
+/// change from one frame to the next.
+#[derive(Debug, Default)]
+struct Shake {
+    /// Motion of the centre (x, y, pixels) and slant (radians) against the frame before.
+    last: Option<[f64; 3]>,
+    /// Sums of squares of their changes.
+    sums: [f64; 3],
+    count: u64,
+}
+
+impl Shake {
+    /// Root mean square of the change of the centre's motion, pixels a frame a frame.
+    fn centre_px(&self) -> f64 {
+        ((self.sums[0] + self.sums[1]) / self.count.max(1) as f64).sqrt()
+    }
+
+    /// Root mean square of the change of the slant, degrees.
+    fn slant_deg(&self) -> f64 {
+        (self.sums[2] / self.count.max(1) as f64).sqrt().to_degrees()
+    }
+}
+
+impl Observer for Shake {
+    fn drawn(&mut self, frame: &Frame, _: PictureRef<'_>) {
+        let fit = &frame.context.fit;
+        if fit.inliers == 0 {
+            self.last = None;
+            return;
+        }
+        let centre = [frame.picture.width() as f64 / 2.0, frame.picture.height() as f64 / 2.0];
+        let moved = fit.homography.apply(centre);
+        let h = &fit.homography.0;
+        let now = [moved[0] - centre[0], moved[1] - centre[1], (h[(0, 1)] / h[(1, 1)]).atan()];
+        if let Some(last) = self.last.replace(now) {
+            (0..3).for_each(|i| self.sums[i] += (now[i] - last[i]).powi(2));
+            self.count += 1;
+        }
+    }
+}
+
+/// Says where everything is and what came of it.
+fn tell(files: &Files, before: &Shake, after: &Shake) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    for (path, what) in [
+        (&files.input, "the shaky clip (mpv, VLC and ffplay show .y4m)"),
+        (&files.output, "the steady one"),
+        (&files.beside, "both, side by side"),
+        (&files.report, "plots and pictures, for a browser"),
+    ] {
+        writeln!(out, "{:<28} {what}", path.display().to_string())?;
+    }
+    writeln!(
+        out,
+        "measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (root mean square change from frame to frame)",
+        before.centre_px(),
+        after.centre_px(),
+        before.slant_deg(),
+        after.slant_deg()
+    )
+}

@@ -1,0 +1,116 @@
+//! How the program ends: exit codes with names, and the message that goes with them.
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::Path;
+use std::process::ExitCode;
+
+use crate::config::Faults;
+use crate::device::DeviceError;
+
+/// The program's exit codes, as sysexits.h has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// All went well.
+    Ok = 0,
+    /// The command line was not understood.
+    Usage = 64,
+    /// An input file is damaged or of a kind that gimbald does not read.
+    BadData = 65,
+    /// An input file is not there or cannot be opened.
+    NoInput = 66,
+    /// A device is not there, in use, or cannot do what was asked.
+    Unavailable = 69,
+    /// An output file cannot be created.
+    CannotCreate = 73,
+    /// Reading or writing failed midway, as on a full disk.
+    Io = 74,
+    /// The configuration has faults.
+    Config = 78,
+    /// Ended by Ctrl-C before the end; what was written until then is whole.
+    Interrupted = 130,
+}
+
+impl Exit {
+    /// Every code with its meaning, in order.
+    pub const ALL: [(Self, &'static str); 9] = [
+        (Self::Ok, "all went well"),
+        (Self::Usage, "the command line was not understood"),
+        (Self::BadData, "an input file is damaged or of a kind that gimbald does not read"),
+        (Self::NoInput, "an input file is not there or cannot be opened"),
+        (Self::Unavailable, "a device is not there, in use, or cannot do what was asked"),
+        (Self::CannotCreate, "an output file cannot be created"),
+        (Self::Io, "reading or writing failed midway, as on a full disk"),
+        (Self::Config, "the configuration has faults; each is named"),
+        (Self::Interrupted, "ended by Ctrl-C before the end; what was written until then is whole"),
+    ];
+
+    /// The number that the shell sees.
+    pub fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// The list of all codes, for `--help`.
+    pub fn help() -> String {
+        let mut text = String::from("Exit codes:\n");
+        for (exit, meaning) in Self::ALL {
+            let _ = writeln!(text, "  {:>3}  {meaning}", exit.code());
+        }
+        text
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+/// Why a command ended without success.
+#[derive(Debug)]
+pub struct Failure {
+    /// The code to end with.
+    pub exit: Exit,
+    /// What to tell the user: what was found, what was expected, what to do.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its message.
+    pub fn new(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, message: message.into() }
+    }
+
+    /// An output file that cannot be created.
+    pub fn creating(path: &Path, error: &io::Error) -> Self {
+        Self::new(Exit::CannotCreate, format!("{}: cannot create: {error}", path.display()))
+    }
+
+    /// A file whose reading or writing failed midway.
+    pub fn writing(path: &Path, error: &io::Error) -> Self {
+        Self::new(Exit::Io, format!("{}: cannot write: {error}", path.display()))
+    }
+}
+
+impl From<Faults> for Failure {
+    fn from(faults: Faults) -> Self {
+        Self::new(Exit::Config, faults.to_string())
+    }
+}
+
+impl From<DeviceError> for Failure {
+    fn from(error: DeviceError) -> Self {
+        let exit = match &error {
+            DeviceError::Io { doing: "create", .. } => Exit::CannotCreate,
+            DeviceError::Io { path, .. } if path.to_str().is_some_and(|path| path.starts_with("/dev/video")) => {
+                Exit::Unavailable
+            }
+            DeviceError::Io { doing: "open", .. } => Exit::NoInput,
+            DeviceError::Io { .. } => Exit::Io,
+            DeviceError::Format { .. } => Exit::BadData,
+            DeviceError::Unsupported { .. } | DeviceError::Busy { .. } | DeviceError::Gone { .. } => Exit::Unavailable,
+        };
+        Self::new(exit, error.to_string())
+    }
+}

@@ -1,0 +1,93 @@
+//! Where output goes: opened early, never over the input.
+
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use super::{Exit, Failure};
+use crate::device::digest::DigestSink;
+use crate::device::null::NullSink;
+use crate::device::recording::RecordingSink;
+use crate::device::y4m::Y4mSink;
+use crate::device::{FrameSink, Output, StreamFormat};
+
+/// Refuses a command line in which one file would be written that is also read, or written twice.
+///
+/// # Errors
+/// The first such file, by name.
+pub(super) fn all_differ(input: &Path, outputs: &[&Path]) -> Result<(), Failure> {
+    for (index, output) in outputs.iter().enumerate() {
+        if same(input, output) {
+            let what =
+                format!("{}: is the input; writing it would destroy what is being read. Choose another name", output.display());
+            return Err(Failure::new(Exit::Usage, what));
+        }
+        if outputs[..index].iter().any(|other| same(other, output)) {
+            let what = format!("{}: two outputs would be written to it; choose another name for one of them", output.display());
+            return Err(Failure::new(Exit::Usage, what));
+        }
+    }
+    Ok(())
+}
+
+/// Whether both paths are one regular file, by whatever names, or one that is not yet there.
+fn same(a: &Path, b: &Path) -> bool {
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => a.is_file() && (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        (Err(_), Err(_)) => a == b && a.as_os_str() != "-",
+        _ => false,
+    }
+}
+
+/// The ending of a recording's name.
+pub(super) const RECORDING: &str = "gbr";
+
+/// Opens a place for pictures of frames of `format`, by its name.
+///
+/// # Errors
+/// A name that does not say what to write, or a file that cannot be created.
+pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn FrameSink>, Failure> {
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("").to_ascii_lowercase();
+    Ok(match (path.to_str(), extension.as_str()) {
+        (Some("-"), _) | (_, "y4m") => Box::new(Y4mSink::create(path, format)?),
+        (Some("null:"), _) => Box::new(NullSink::new(format)),
+        (Some("digest:"), _) => Box::new(DigestSink::new(format).with_lines(Output::create(Path::new("-"))?)),
+        (_, RECORDING) => Box::new(RecordingSink::create(path, format)?),
+        _ => {
+            let what = format!(
+                "{}: the name does not say what to write; end it in .y4m or .{RECORDING}, or give - (y4m on standard output), \
+                 digest: or null:",
+                path.display()
+            );
+            return Err(Failure::new(Exit::Usage, what));
+        }
+    })
+}
+
+/// A file for a report, made before the work begins: a name that cannot be written is told at once, not after an hour.
+#[derive(Debug)]
+pub(super) struct ReportFile {
+    /// Its name.
+    pub(super) path: PathBuf,
+    file: File,
+}
+
+impl ReportFile {
+    /// Makes the file, empty.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub(super) fn create(path: &Path) -> Result<Self, Failure> {
+        let file = File::create(path).map_err(|error| Failure::creating(path, &error))?;
+        Ok(Self { path: path.into(), file })
+    }
+
+    /// Writes the whole content.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub(super) fn fill(mut self, content: &str) -> Result<(), Failure> {
+        io::Write::write_all(&mut self.file, content.as_bytes()).map_err(|error| Failure::writing(&self.path, &error))
+    }
+}

@@ -1,0 +1,120 @@
+//! `gimbald record`: a camera's frames into a file, exactly as they come.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::interrupt::stop_on_signal;
+use super::place::RECORDING;
+use super::progress::Progress;
+use super::{Exit, Failure, SettingsArgs};
+use crate::device::recording::RecordingWriter;
+use crate::device::synthetic::{self, Synthetic};
+use crate::device::v4l2::Capture;
+use crate::device::{FrameSource, Lent};
+use crate::rt::clock::monotonic_ns;
+use crate::rt::wake::Wake;
+
+/// A camera that gave nothing for this long will not.
+const PATIENCE: Duration = Duration::from_secs(15);
+
+/// Arguments of `record`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The camera: path, number or part of its name; over camera.device. synthetic: or synthetic:MOTION needs none
+    #[arg(short, long, value_name = "D")]
+    device: Option<String>,
+    /// The recording to write (.gbr)
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// End after so many frames; otherwise Ctrl-C ends it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
+    /// End when so much has been recorded (seconds)
+    #[arg(long, value_name = "S", value_parser = positive)]
+    seconds: Option<f64>,
+    /// How the camera is opened
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+/// A number of seconds above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number <= 1e6 => Ok(number),
+        _ => Err("expected a number above 0, at most 1000000 (seconds)".into()),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the camera cannot be opened or goes away, or the file cannot be written. What was recorded until then is whole.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let mut camera = args.settings.read()?.camera;
+    if let Some(device) = &args.device {
+        camera.device.clone_from(device);
+    }
+    if args.output.extension().is_none_or(|extension| extension != RECORDING) {
+        let what = format!("{}: recordings end in .{RECORDING}; name it so", args.output.display());
+        return Err(Failure::new(Exit::Usage, what));
+    }
+    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let stop = stop_on_signal(Some(wake.clone()))?;
+    let mut source: Box<dyn FrameSource> = match camera.device.strip_prefix("synthetic:") {
+        Some(motion) => Box::new(synthetic(motion)?),
+        None => Box::new(Capture::open(&camera.params(), wake)?),
+    };
+    let mut writer = RecordingWriter::create(&args.output, &source.format(), &camera.device)?;
+    let progress = Progress::new("recording", args.frames);
+    let (mut first_ns, mut frames, mut last_came_ns) = (None, 0u64, monotonic_ns());
+    let ended = loop {
+        if stop.is_set() {
+            break Ok(());
+        }
+        let frame = match source.lend() {
+            Ok(Lent::Frame(frame)) => frame,
+            Ok(Lent::End) => break Ok(()),
+            Ok(Lent::Idle) if monotonic_ns() - last_came_ns > PATIENCE.as_nanos() as i64 => {
+                let what = format!(
+                    "{}: the camera gave no frame for {} s; unplug it and try again",
+                    camera.device,
+                    PATIENCE.as_secs()
+                );
+                break Err(Failure::new(Exit::Unavailable, what));
+            }
+            Ok(Lent::Idle) => continue,
+            Err(error) => break Err(error.into()),
+        };
+        last_came_ns = monotonic_ns();
+        // By the frames' own clock: a recording of 5 seconds plays for 5 seconds.
+        let passed_s = frame.stamp.time_ns.saturating_sub(*first_ns.get_or_insert(frame.stamp.time_ns)) as f64 / 1e9;
+        if args.seconds.is_some_and(|seconds| passed_s >= seconds) {
+            break Ok(());
+        }
+        if let Err(error) = writer.write_raw(&frame) {
+            break Err(error.into());
+        }
+        frames += 1;
+        progress.step();
+        if args.frames == Some(frames) {
+            break Ok(());
+        }
+    };
+    progress.finish();
+    ended.and(writer.finish().map_err(Failure::from))?;
+    tell(&args.output, source.as_ref(), frames);
+    Ok(())
+}
+
+/// A camera of arithmetic, endless.
+fn synthetic(motion: &str) -> Result<Synthetic, Failure> {
+    let usage = |what: String| Failure::new(Exit::Usage, format!("synthetic:{motion}: {what}"));
+    let motion = if motion.is_empty() { synthetic::Motion::default() } else { motion.parse().map_err(usage)? };
+    Synthetic::new(&synthetic::Params { motion, frames: 0, ..synthetic::Params::default() }).map_err(usage)
+}
+
+/// Says what was recorded.
+fn tell(path: &Path, source: &dyn FrameSource, frames: u64) {
+    let format = source.format();
+    println!("{}: {frames} frames of {}x{} {}", path.display(), format.width, format.height, format.pixel);
+}

@@ -1,0 +1,53 @@
+//! `--config` and `--set`, the same for every command that has settings.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use super::{Exit, Failure};
+use crate::config::Settings;
+
+/// Most bytes of a configuration file that are read; the shipped one has about 5000.
+const LARGEST: u64 = 1 << 20;
+
+/// Where settings come from.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct SettingsArgs {
+    /// Configuration file; without one, every key has its default
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One setting, over what the file says, as smooth.cutoff_hz=0.5; may be given many times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl SettingsArgs {
+    /// The settings.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or every fault found in file and command line.
+    pub fn read(&self) -> Result<Settings, Failure> {
+        let Some(path) = &self.config else { return Ok(Settings::read(None, &self.set)?) };
+        let text = text_of(path)?;
+        Ok(Settings::read(Some((&path.to_string_lossy(), &text)), &self.set)?)
+    }
+}
+
+/// The text of a configuration file.
+///
+/// # Errors
+/// Where it cannot be read, is too large, or is no text.
+pub(super) fn text_of(path: &Path) -> Result<String, Failure> {
+    let shown = path.display();
+    let no_input = |error| Failure::new(Exit::NoInput, format!("{shown}: cannot read the configuration: {error}"));
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_end(&mut bytes)).map_err(no_input)?;
+    if bytes.len() as u64 > LARGEST {
+        let what = format!("{shown}: more than {LARGEST} bytes: this is no configuration file; give the path of a TOML file");
+        return Err(Failure::new(Exit::Config, what));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        Failure::new(Exit::Config, format!("{shown}: byte {at} is no UTF-8 text; a configuration file is TOML, saved as UTF-8"))
+    })
+}

@@ -1,0 +1,268 @@
+//! A V4L2 camera as a source of frames.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use super::super::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
+use super::find::find;
+use super::mode::{Wish, choose};
+use super::negotiate::{check_camera, modes, set_mode, unsupported};
+use super::node::{Direction, Node};
+use super::queue::{Queue, Returned};
+use super::timeline::Timeline;
+use crate::frame::{FrameFlags, Stamp};
+use crate::image::PixelFormat;
+use crate::rt::clock::monotonic_ns;
+use crate::rt::wake::Wake;
+
+/// How long a lend waits for a frame before it says [`Lent::Idle`].
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// A stream that gave nothing for this long (nanoseconds) is stopped and started; then after twice that, and so on.
+const STALL_NS: i64 = 5_000_000_000;
+
+/// Which camera, and what to ask of it; what is `None` is chosen by [`choose`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureParams {
+    /// Number, path or card name, as [`find`] takes it.
+    pub device: String,
+    /// Layout of the frames.
+    pub format: Option<PixelFormat>,
+    /// Luma samples in a row.
+    pub width: Option<u32>,
+    /// Luma rows.
+    pub height: Option<u32>,
+    /// Frames a second.
+    pub fps: Option<f64>,
+    /// Buffers to share with the driver (2 to 32): more ride out longer delays of ours, each holds a frame in memory.
+    pub buffers: u32,
+}
+
+impl Default for CaptureParams {
+    fn default() -> Self {
+        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, buffers: 4 }
+    }
+}
+
+/// What became of the camera's frames since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Frames lent.
+    pub frames: u64,
+    /// Frames given back unseen because a newer one was there.
+    pub dropped: u64,
+    /// Frames that the driver counted but did not give.
+    pub missing: u64,
+    /// Of those lent, the ones whose data the driver calls damaged.
+    pub damaged: u64,
+    /// Of those lent, the ones that are too short.
+    pub truncated: u64,
+    /// Frames whose time was on no clock of ours, and was replaced by that of their arrival.
+    pub foreign_times: u64,
+    /// Times the stream was stopped and started.
+    pub restarts: u64,
+}
+
+/// An open, streaming camera.
+#[derive(Debug)]
+pub struct Capture {
+    queue: Queue,
+    wake: Wake,
+    format: StreamFormat,
+    /// Bytes of a whole frame; 0 for compressed formats.
+    whole: usize,
+    /// The buffer that is lent.
+    lent: Option<usize>,
+    timeline: Timeline,
+    counts: Counts,
+    /// The stream failed and was restarted, and no frame came since.
+    restarted: bool,
+    /// When the last frame came or the stream was started, and how long without one until it is started anew.
+    quiet_since_ns: i64,
+    stall_ns: i64,
+}
+
+impl Capture {
+    /// Opens the camera, sets its format and rate, and starts it. A ring of `wake` ends a waiting [`FrameSource::lend`] at once.
+    ///
+    /// # Errors
+    /// [`DeviceError::Busy`] where another program streams from it, [`DeviceError::Gone`] where it goes away meanwhile,
+    /// [`DeviceError::Unsupported`] where it is no camera or cannot do what is asked, else [`DeviceError::Io`].
+    pub fn open(params: &CaptureParams, wake: Wake) -> Result<Self, DeviceError> {
+        let path = find(&params.device, Direction::Capture)?;
+        let node = Node::open(&path)?;
+        check_camera(&node)?;
+        let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
+        let offered = modes(&node, &asked);
+        let mode = choose(&offered, &asked).ok_or_else(|| unsupported(&path, &asked, &node))?;
+        let format = set_mode(&node, &mode, &asked)?;
+        let whole = format.frame_bytes().unwrap_or(0);
+        let queue = Queue::new(node, Direction::Capture, params.buffers.clamp(2, 32))?;
+        if queue.len() < 2 || queue.capacity() < whole {
+            let what = format!(
+                "the driver gives {} buffers of {} bytes; at least 2 of {whole} are needed for {} {}x{}",
+                queue.len(),
+                queue.capacity(),
+                format.pixel,
+                format.width,
+                format.height
+            );
+            return Err(DeviceError::Unsupported { path, what });
+        }
+        let mut capture = Self {
+            queue,
+            wake,
+            format,
+            whole,
+            lent: None,
+            timeline: Timeline::default(),
+            counts: Counts::default(),
+            restarted: false,
+            quiet_since_ns: 0,
+            stall_ns: STALL_NS,
+        };
+        capture.start()?;
+        tracing::info!(
+            camera = %path.display(), format = %format.pixel, width = format.width, height = format.height,
+            fps = format.rate(), buffers = capture.queue.len(), "camera opened"
+        );
+        Ok(capture)
+    }
+
+    /// The camera's node.
+    pub fn path(&self) -> &Path {
+        self.queue.node().path()
+    }
+
+    /// What became of the frames so far.
+    pub fn counts(&self) -> Counts {
+        Counts { missing: self.timeline.missing, foreign_times: self.timeline.foreign_times, ..self.counts }
+    }
+
+    /// Gives every buffer to the driver and starts the stream.
+    fn start(&mut self) -> Result<(), DeviceError> {
+        self.lent = None;
+        while let Some(index) = self.queue.ours() {
+            self.queue.enqueue(index, 0, 0).map_err(|errno| self.queue.node().error("give a buffer to", errno))?;
+        }
+        self.queue.start().map_err(|errno| self.queue.node().error("start the stream of", errno))?;
+        self.quiet_since_ns = monotonic_ns();
+        Ok(())
+    }
+
+    /// Stops and starts the stream.
+    fn restart(&mut self) -> Result<(), DeviceError> {
+        self.counts.restarts += 1;
+        self.timeline.restart();
+        self.queue.stop().map_err(|errno| self.queue.node().error("stop the stream of", errno))?;
+        self.start()
+    }
+
+    /// After `errno` while `doing` something: starts the stream anew, once until a frame comes. A driver that was told to stop
+    /// and start has forgotten most of what can go wrong.
+    fn recover(&mut self, doing: &'static str, errno: Errno) -> Result<(), DeviceError> {
+        let error = self.queue.node().error(doing, errno);
+        if self.restarted || matches!(error, DeviceError::Gone { .. }) {
+            return Err(error);
+        }
+        tracing::warn!(%error, "the stream is started anew");
+        self.restarted = true;
+        self.restart()
+    }
+
+    /// Waits for the camera; `None` where patience ran out or somebody rang, else what poll says of the camera.
+    fn wait(&mut self) -> Option<PollFlags> {
+        let camera = PollFlags::IN | PollFlags::PRI;
+        let mut fds =
+            [PollFd::from_borrowed_fd(self.queue.node().fd(), camera), PollFd::from_borrowed_fd(self.wake.fd(), PollFlags::IN)];
+        let patience = Timespec { tv_sec: PATIENCE.as_secs().cast_signed(), tv_nsec: PATIENCE.subsec_nanos().into() };
+        // A signal (EINTR) is like a ring: whoever asked may want to look around.
+        poll(&mut fds, Some(&patience)).ok()?;
+        let (camera, rung) = (fds[0].revents(), fds[1].revents());
+        if !rung.is_empty() {
+            self.wake.hush();
+            return None;
+        }
+        (!camera.is_empty()).then_some(camera)
+    }
+
+    /// The newest of the frames that are there; older ones go back unseen. `None` where there is none.
+    fn newest(&mut self) -> Result<Option<(Returned, Stamp)>, Errno> {
+        let mut newest: Option<(Returned, Stamp)> = None;
+        // No more often than there are buffers: those given back below may come again.
+        for _ in 0..self.queue.len() {
+            let Some(returned) = self.queue.dequeue()? else { break };
+            let stamp = self.timeline.stamp(returned.sequence, returned.time, monotonic_ns());
+            if let Some((older, _)) = newest.replace((returned, stamp)) {
+                self.queue.enqueue(older.index, 0, 0)?;
+                self.counts.dropped += 1;
+            }
+        }
+        Ok(newest)
+    }
+
+    /// A camera that says nothing for long is started anew: some stop after a glitch of the bus or a suspend.
+    fn stir(&mut self) -> Result<(), DeviceError> {
+        if monotonic_ns() - self.quiet_since_ns < self.stall_ns {
+            return Ok(());
+        }
+        tracing::warn!(camera = %self.path().display(), seconds = self.stall_ns / 1_000_000_000, "no frame came; the stream is started anew");
+        self.stall_ns = self.stall_ns.saturating_mul(2).min(12 * STALL_NS);
+        self.restart()
+    }
+}
+
+impl FrameSource for Capture {
+    fn format(&self) -> StreamFormat {
+        self.format
+    }
+
+    fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        if let Some(index) = self.lent.take()
+            && let Err(errno) = self.queue.enqueue(index, 0, 0)
+        {
+            self.recover("give a buffer back to", errno)?;
+        }
+        let (returned, mut stamp) = loop {
+            let Some(events) = self.wait() else {
+                self.stir()?;
+                return Ok(Lent::Idle);
+            };
+            if events.contains(PollFlags::HUP) {
+                return Err(DeviceError::Gone { path: self.path().to_path_buf() });
+            }
+            match self.newest() {
+                Ok(Some(newest)) => break newest,
+                // POLLERR stays until something is done about it.
+                Ok(None) if events.intersects(PollFlags::ERR | PollFlags::NVAL) => self.recover("stream from", Errno::IO)?,
+                Ok(None) => {}
+                Err(errno) => self.recover("take a frame from", errno)?,
+            }
+        };
+        self.lent = Some(returned.index);
+        self.restarted = false;
+        self.quiet_since_ns = monotonic_ns();
+        self.stall_ns = STALL_NS;
+        self.counts.frames += 1;
+        if returned.error {
+            stamp.flags = stamp.flags.with(FrameFlags::ERROR);
+            self.counts.damaged += 1;
+        }
+        if returned.bytes < self.whole.max(1) {
+            stamp.flags = stamp.flags.with(FrameFlags::TRUNCATED);
+            self.counts.truncated += 1;
+        }
+        let bytes = self.queue.bytes(returned.index);
+        let bytes = bytes.get(..returned.bytes).unwrap_or(bytes);
+        Ok(Lent::Frame(RawFrame { format: self.format, bytes, stamp }))
+    }
+}
+
+impl Drop for Capture {
+    fn drop(&mut self) {
+        tracing::info!(camera = %self.path().display(), counts = ?self.counts(), "camera closed");
+    }
+}

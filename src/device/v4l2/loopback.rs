@@ -1,0 +1,277 @@
+//! A v4l2loopback device as a sink: what gimbald draws becomes a camera for every other program.
+
+use std::path::{Path, PathBuf};
+
+use rustix::io::Errno;
+use v4l::v4l_sys::{
+    V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_OUTPUT, v4l2_colorspace_V4L2_COLORSPACE_SRGB,
+    v4l2_quantization_V4L2_QUANTIZATION_DEFAULT, v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE,
+    v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
+};
+
+use super::super::{DeviceError, FrameSink, StreamFormat};
+use super::LOAD_LOOPBACK;
+use super::enumerate::LOOPBACK_DRIVER;
+use super::find::candidates;
+use super::node::{Direction, Node, wish};
+use super::queue::Queue;
+use crate::frame::Stamp;
+use crate::image::{Colour, Picture, PictureMut, PixelFormat, Range, RawLayout, Sampling};
+use crate::kernel::{Level, convert::pack};
+use crate::rt::clock::monotonic_ns;
+
+/// Which device, and what to send to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopbackParams {
+    /// Number, path or card name, as [`find`](super::find) takes it; `auto` is the first that is free.
+    pub device: String,
+    /// Layout of the frames: YUYV, I420 or NV12.
+    pub pixel: PixelFormat,
+    /// Luma samples in a row; even.
+    pub width: u32,
+    /// Luma rows; even.
+    pub height: u32,
+    /// Nominal time between frames (seconds, numerator and denominator).
+    pub interval: (u32, u32),
+    /// Meaning of the samples.
+    pub colour: Colour,
+    /// Buffers to share with the driver (2 to 32); v4l2loopback gives no more than its `max_buffers`, usually 2.
+    pub buffers: u32,
+}
+
+/// An open, streaming loopback device.
+#[derive(Debug)]
+pub struct Loopback {
+    queue: Queue,
+    format: StreamFormat,
+    /// Bytes of a frame.
+    whole: usize,
+    /// The buffer that the canvas lies in or will be packed into.
+    current: Option<usize>,
+    /// The canvas lies in `current` itself.
+    direct: bool,
+    /// The canvas where the frames' layout is not the pipeline's, or where no buffer is free.
+    spare: Picture,
+    level: Level,
+    sent: u64,
+    dropped: u64,
+}
+
+impl Loopback {
+    /// Opens the device, sets its format and starts it, so that other programs see a camera.
+    ///
+    /// # Errors
+    /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
+    /// holds another format, else [`DeviceError::Io`]; each says what to do.
+    pub fn open(params: &LoopbackParams) -> Result<Self, DeviceError> {
+        let mut busy = None;
+        for path in candidates(&params.device, Direction::Output)? {
+            match Self::open_path(path, params) {
+                Err(error @ DeviceError::Busy { .. }) => busy = busy.or(Some(error)),
+                other => return other,
+            }
+        }
+        Err(busy.unwrap_or(DeviceError::Gone { path: PathBuf::from(&params.device) }))
+    }
+
+    fn open_path(path: PathBuf, params: &LoopbackParams) -> Result<Self, DeviceError> {
+        let refuse = |what: String| Err(DeviceError::Unsupported { path: path.clone(), what });
+        if !matches!(params.pixel, PixelFormat::Yuyv | PixelFormat::I420 | PixelFormat::Nv12) {
+            return refuse(format!("frames of {} cannot be written to a loopback; choose YUYV, YU12 or NV12", params.pixel));
+        }
+        if params.width == 0 || params.height == 0 || !params.width.is_multiple_of(2) || !params.height.is_multiple_of(2) {
+            let (width, height) = (params.width, params.height);
+            return refuse(format!("size {width}x{height}: expected even numbers, as call apps refuse odd ones"));
+        }
+        let node = Node::open(&path).map_err(|error| match error {
+            DeviceError::Io { source, path, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                DeviceError::Unsupported { path, what: format!("there is no such device; {LOAD_LOOPBACK}") }
+            }
+            other => other,
+        })?;
+        check_output(&node)?;
+        let format = set_format(&node, params)?;
+        let Some(whole) = format.frame_bytes() else {
+            return refuse(format!("frames of {}x{} are too large", format.width, format.height));
+        };
+        let queue = Queue::new(node, Direction::Output, params.buffers.clamp(2, 32))?;
+        if queue.len() == 0 || queue.capacity() < whole {
+            let (count, size) = (queue.len(), queue.capacity());
+            return refuse(format!("the driver gives {count} buffers of {size} bytes; at least one of {whole} is needed"));
+        }
+        let mut loopback = Self {
+            queue,
+            format,
+            whole,
+            current: None,
+            direct: false,
+            spare: Picture::new(Sampling::S420, format.width as usize, format.height as usize),
+            level: Level::detected(),
+            sent: 0,
+            dropped: 0,
+        };
+        loopback.queue.start().map_err(|errno| loopback.queue.node().error("start the stream to", errno))?;
+        tracing::info!(
+            loopback = %path.display(), format = %format.pixel, width = format.width, height = format.height,
+            buffers = loopback.queue.len(), "loopback opened"
+        );
+        Ok(loopback)
+    }
+
+    /// The device's node.
+    pub fn path(&self) -> &Path {
+        self.queue.node().path()
+    }
+
+    /// Frames sent, and frames given up because the driver had no buffer free.
+    pub fn counts(&self) -> (u64, u64) {
+        (self.sent, self.dropped)
+    }
+
+    /// A buffer to fill: one that is ours, else one the driver is done with, else none. Never waits.
+    fn free_buffer(&mut self) -> Result<Option<usize>, DeviceError> {
+        if let Some(index) = self.queue.ours() {
+            return Ok(Some(index));
+        }
+        match self.queue.dequeue() {
+            Ok(returned) => Ok(returned.map(|returned| returned.index)),
+            Err(errno) => Err(self.queue.node().error("take a buffer back from", errno)),
+        }
+    }
+}
+
+impl FrameSink for Loopback {
+    fn format(&self) -> StreamFormat {
+        self.format
+    }
+
+    fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
+        if self.current.is_none() {
+            self.current = self.free_buffer()?;
+        }
+        self.direct = self.format.pixel == PixelFormat::I420 && self.current.is_some();
+        if self.direct
+            && let Some(index) = self.current
+            && let Some(picture) = planar(&self.format, self.queue.bytes_mut(index))
+        {
+            return Ok(picture);
+        }
+        self.direct = false;
+        Ok(self.spare.as_mut())
+    }
+
+    fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
+        if self.current.is_none() {
+            self.current = self.free_buffer()?;
+        }
+        let Some(index) = self.current.take() else {
+            self.dropped += 1;
+            return Ok(());
+        };
+        if !self.direct {
+            let StreamFormat { pixel, stride, .. } = self.format;
+            pack(self.level, self.spare.as_ref(), pixel, stride, self.queue.bytes_mut(index)).map_err(|error| {
+                DeviceError::Unsupported { path: self.queue.node().path().to_path_buf(), what: error.to_string() }
+            })?;
+        }
+        self.direct = false;
+        // Zero would mean "now", and v4l2loopback wants always or never.
+        let time_ns = if stamp.time_ns >= 1000 { stamp.time_ns } else { monotonic_ns() };
+        match self.queue.enqueue(index, self.whole, time_ns) {
+            Ok(()) => {
+                self.sent += 1;
+                Ok(())
+            }
+            Err(errno) => Err(self.queue.node().error("send a frame to", errno)),
+        }
+    }
+}
+
+impl Drop for Loopback {
+    fn drop(&mut self) {
+        tracing::info!(loopback = %self.path().display(), sent = self.sent, dropped = self.dropped, "loopback closed");
+    }
+}
+
+/// Whether the node takes frames.
+fn check_output(node: &Node) -> Result<(), DeviceError> {
+    let identity = node.identity().map_err(|errno| node.error("ask for the abilities of", errno))?;
+    let path = node.path().to_path_buf();
+    if identity.caps & V4L2_CAP_VIDEO_OUTPUT != 0 {
+        return Ok(());
+    }
+    if identity.driver == LOOPBACK_DRIVER && identity.caps & V4L2_CAP_VIDEO_CAPTURE != 0 {
+        // Made with exclusive_caps: it says so while somebody writes to it.
+        return Err(DeviceError::Busy { path });
+    }
+    let what =
+        format!("{} (driver {}) takes no frames: it is no loopback device; {LOAD_LOOPBACK}", identity.card, identity.driver);
+    Err(DeviceError::Unsupported { path, what })
+}
+
+/// Sets format and rate. v4l2loopback answers what somebody else holds, with success: so compare.
+fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, DeviceError> {
+    let mut asked = wish(params.pixel.fourcc(), params.width, params.height);
+    let tight = StreamFormat::tight(params.width, params.height, params.pixel, params.interval);
+    asked.bytesperline = u32::try_from(tight.stride).unwrap_or(0);
+    asked.sizeimage = tight.frame_bytes().and_then(|bytes| u32::try_from(bytes).ok()).unwrap_or(0);
+    asked.colorspace = v4l2_colorspace_V4L2_COLORSPACE_SRGB;
+    asked.quantization = match params.colour.range {
+        Range::Unknown => v4l2_quantization_V4L2_QUANTIZATION_DEFAULT,
+        Range::Limited => v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
+        Range::Full => v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE,
+    };
+    let given = node.set_format(Direction::Output, asked).map_err(|errno| match errno {
+        Errno::INVAL => DeviceError::Unsupported {
+            path: node.path().to_path_buf(),
+            what: format!("refuses {} {}x{}; choose YUYV, or another size", params.pixel, params.width, params.height),
+        },
+        errno => node.error("set the format of", errno),
+    })?;
+    if (given.pixelformat, given.width, given.height) != (asked.pixelformat, asked.width, asked.height) {
+        let code = given.pixelformat.to_le_bytes();
+        let what = format!(
+            "stays at {} {}x{} when asked for {} {}x{}: a program that watches it holds that format; close that program, or set \
+             the output to that format",
+            String::from_utf8_lossy(&code),
+            given.width,
+            given.height,
+            params.pixel,
+            params.width,
+            params.height
+        );
+        return Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what });
+    }
+    // The rate is for readers that ask; a refusal changes nothing of what we send.
+    let interval = node.set_interval(Direction::Output, params.interval).ok().flatten().unwrap_or(params.interval);
+    let stride = (given.bytesperline as usize).max(tight.stride);
+    Ok(StreamFormat { stride, interval, colour: params.colour, ..tight })
+}
+
+/// `bytes` as a picture to draw into, where their layout is the pipeline's own (I420).
+fn planar<'a>(format: &StreamFormat, bytes: &'a mut [u8]) -> Option<PictureMut<'a>> {
+    let layout = RawLayout::new(format.pixel, format.width, format.height, format.stride)?;
+    Some(PictureMut { sampling: Sampling::S420, planes: layout.planes_mut(bytes)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_said_before_anything_is_opened() {
+        let params = LoopbackParams {
+            device: "/dev/no-such-loopback".into(),
+            pixel: PixelFormat::Yuyv,
+            width: 640,
+            height: 480,
+            interval: (1, 30),
+            colour: Colour::default(),
+            buffers: 2,
+        };
+        let error = |params: LoopbackParams| Loopback::open(&params).unwrap_err().to_string();
+        assert!(error(params.clone()).contains("modprobe v4l2loopback"));
+        assert!(error(LoopbackParams { width: 641, ..params.clone() }).contains("641x480"));
+        assert!(error(LoopbackParams { pixel: PixelFormat::Rgb24, ..params }).contains("YUYV"));
+    }
+}

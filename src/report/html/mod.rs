@@ -1,0 +1,113 @@
+//! One page that shows what a run did: motion before and after, frames before and after, times, settings. Needs nothing but a
+//! browser: no file beside it, no network, no script.
+
+mod page;
+mod picture;
+mod plot;
+mod stills;
+
+use super::Stats;
+use super::names::MotionNames;
+use crate::config::Settings;
+use crate::device::StreamFormat;
+use crate::frame::{Frame, Outcome};
+use crate::image::PictureRef;
+use crate::pipeline::{Observer, Totals};
+
+use stills::Stills;
+
+/// Gathers a run for its page. Memory grows by some 250 bytes a frame, pictures excepted, which are bounded.
+#[derive(Debug)]
+pub struct Report {
+    settings: Settings,
+    format: StreamFormat,
+    input: String,
+    names: &'static MotionNames,
+    samples: Vec<Sample>,
+    stills: Stills,
+}
+
+/// What the page shows of a frame.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    time_ns: i64,
+    outcome: Outcome,
+    /// Motion of the camera since the frame before, and what is left of it in the output; not finite where unknown.
+    motion: [f64; 4],
+    steadied: [f64; 4],
+    path: [f64; 4],
+    smoothed: [f64; 4],
+    tracks: u32,
+    inliers: u32,
+    confidence: f64,
+    trust: f64,
+    crop_use: f64,
+    spent_ms: f64,
+}
+
+impl Report {
+    /// A report of a run with `settings` on frames of `format` from `input`.
+    pub fn new(settings: &Settings, format: &StreamFormat, input: &str) -> Self {
+        Self {
+            settings: settings.clone(),
+            format: *format,
+            input: input.to_owned(),
+            names: MotionNames::of(settings.pipeline.shutter.model),
+            samples: Vec::new(),
+            stills: Stills::new(format.colour),
+        }
+    }
+
+    /// The page, with the run's totals and times.
+    pub fn html(&self, totals: &Totals, stats: &Stats) -> String {
+        page::html(self, totals, stats)
+    }
+
+    /// What `frame` says, and what the frame before it lets it say.
+    fn sample(&self, frame: &Frame) -> Sample {
+        let context = &frame.context;
+        let unknown = [f64::NAN; 4];
+        // A picture shown again moved nothing and measured nothing.
+        let held = matches!(context.outcome, Outcome::Held(_));
+        let (motion, path, smoothed) =
+            if held { (unknown, unknown, unknown) } else { (context.motion, context.path, context.smoothed) };
+        let before = self.samples.iter().rev().find(|sample| !matches!(sample.outcome, Outcome::Held(_)));
+        let steadied = match before {
+            Some(before) if !held => self.names.steadied([before.path, path], [before.smoothed, smoothed]),
+            _ => unknown,
+        };
+        Sample {
+            time_ns: frame.stamp.time_ns,
+            outcome: context.outcome,
+            motion: if before.is_some() { motion } else { unknown },
+            steadied,
+            path,
+            smoothed,
+            tracks: context.fit.tracks,
+            inliers: context.fit.inliers,
+            confidence: context.fit.confidence,
+            trust: context.trust,
+            crop_use: context.crop_use,
+            spent_ms: 0.0,
+        }
+    }
+}
+
+impl Observer for Report {
+    fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
+        let sample = self.sample(frame);
+        // How much the motion itself changed: what makes a picture shake, whatever the model's units.
+        let shake = match self.samples.last() {
+            Some(before) => (0..self.names.axes.len()).map(|i| (sample.motion[i] - before.motion[i]).powi(2)).sum(),
+            None => 0.0,
+        };
+        self.stills.add(frame, output, shake);
+        self.samples.push(sample);
+    }
+
+    fn sent(&mut self, frame: &Frame) {
+        if let Some(last) = self.samples.last_mut() {
+            last.spent_ms = frame.context.spent_ns.iter().sum::<u64>() as f64 / 1e6;
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Pictures inside the page: to RGB, to JPEG, to text.
+
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+
+use crate::image::{Colour, PictureRef, PlaneRef, Range};
+
+const QUALITY: u8 = 85;
+const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
+/// A picture as packed RGB (BT.601), rows from top to bottom.
+#[derive(Clone, Debug)]
+pub(super) struct Rgb {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) samples: Vec<u8>,
+}
+
+impl Rgb {
+    /// Takes over a picture whose samples mean what `colour` says.
+    pub(super) fn of(picture: PictureRef<'_>, colour: Colour) -> Self {
+        let (width, height) = (picture.width(), picture.height());
+        // BT.601: black level, luma gain, chroma gain.
+        let (black, gain, chroma_gain) = match colour.range {
+            Range::Full => (0.0, 1.0, 1.0),
+            Range::Limited | Range::Unknown => (16.0, 255.0 / 219.0, 255.0 / 224.0),
+        };
+        let shift = picture.sampling.shift();
+        let mut samples = Vec::with_capacity(width * height * 3);
+        for y in 0..height {
+            for x in 0..width {
+                let luma = gain * (f32::from(picture.planes[0].at(x, y)) - black);
+                let chroma = |plane: usize| match shift {
+                    Some((right, down)) => chroma_gain * (f32::from(picture.planes[plane].at(x >> right, y >> down)) - 128.0),
+                    None => 0.0,
+                };
+                let (u, v) = (chroma(1), chroma(2));
+                let rgb = [luma + 1.402 * v, luma - 0.344_136 * u - 0.714_136 * v, luma + 1.772 * u];
+                samples.extend(rgb.map(|value| value.round().clamp(0.0, 255.0) as u8));
+            }
+        }
+        Self { width, height, samples }
+    }
+
+    /// The picture as an `<img>` with the data inside; nothing where it has no pixels.
+    pub(super) fn img(&self, alt: &str) -> String {
+        img(&self.samples, self.width, self.height, ExtendedColorType::Rgb8, alt)
+    }
+}
+
+/// A luma plane as an `<img>`.
+pub(super) fn grey_img(plane: PlaneRef<'_>, alt: &str) -> String {
+    let samples: Vec<u8> = (0..plane.height()).flat_map(|y| plane.row(y).iter().copied()).collect();
+    img(&samples, plane.width(), plane.height(), ExtendedColorType::L8, alt)
+}
+
+fn img(samples: &[u8], width: usize, height: usize, colour: ExtendedColorType, alt: &str) -> String {
+    let mut jpeg = Vec::new();
+    let size = (u32::try_from(width).unwrap_or(0), u32::try_from(height).unwrap_or(0));
+    let encoded = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).write_image(samples, size.0, size.1, colour);
+    match encoded {
+        Ok(()) => format!("<img width={width} height={height} alt=\"{alt}\" src=\"data:image/jpeg;base64,{}\">", base64(&jpeg)),
+        Err(error) => format!("<p>(no picture: {error})</p>"),
+    }
+}
+
+/// Bytes as RFC 4648 text.
+fn base64(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let word = (0..3).fold(0u32, |word, i| word << 8 | u32::from(chunk.get(i).copied().unwrap_or(0)));
+        for i in 0..4 {
+            let digit = DIGITS[(word >> (18 - 6 * i) & 63) as usize];
+            text.push(if i <= chunk.len() { char::from(digit) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Picture, Sampling};
+
+    #[test]
+    fn base64_has_the_rfcs_examples() {
+        for (bytes, text) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("foobar", "Zm9vYmFy")]
+        {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+        assert_eq!(base64(&[255, 239, 190]), "/+++");
+    }
+
+    #[test]
+    fn white_black_and_red_by_range() {
+        let mut picture = Picture::new(Sampling::S420, 3, 1);
+        picture.as_mut().planes[0].row_mut(0).copy_from_slice(&[16, 235, 81]);
+        picture.as_mut().planes[1].row_mut(0).copy_from_slice(&[128, 90]);
+        picture.as_mut().planes[2].row_mut(0).copy_from_slice(&[128, 240]);
+        let limited = Rgb::of(picture.as_ref(), Colour::default());
+        assert_eq!(limited.samples[..6], [0, 0, 0, 255, 255, 255]);
+        assert!(limited.samples[6] > 250 && limited.samples[7] < 5 && limited.samples[8] < 5, "{:?}", limited.samples);
+        let full = Rgb::of(picture.as_ref(), Colour { range: Range::Full, ..Colour::default() });
+        assert_eq!(full.samples[..6], [16, 16, 16, 235, 235, 235]);
+    }
+}
