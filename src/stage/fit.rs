@@ -38,6 +38,10 @@ impl Default for Params {
 
 /// Tracks below which nothing is fitted.
 const LEAST_TRACKS: usize = 12;
+/// Tracks for which there is room from the start.
+const MOST_TRACKS: usize = 4096;
+/// What the inliers' threshold grows by, pixels a pixel of motion.
+const SLACK: f64 = 0.15;
 /// Hypotheses at most.
 const MOST_HYPOTHESES: usize = 160;
 /// Probability with which at least one sample should hold no outlier.
@@ -50,6 +54,7 @@ const REFINEMENTS: usize = 6;
 pub struct Fitter {
     params: Params,
     state: u64,
+    lengths: Vec<f64>,
 }
 
 /// A homography's first eight entries, h9 = 1.
@@ -58,7 +63,7 @@ type Entries = SVector<f64, 8>;
 impl Fitter {
     /// A fitter whose random choices follow from the settings' seed.
     pub fn new(params: Params) -> Self {
-        Self { params, state: params.seed }
+        Self { params, state: params.seed, lengths: Vec::with_capacity(MOST_TRACKS) }
     }
 
     /// Fits `tracks`. With too few of them, or all of them in one place, the fit is the identity with confidence 0.
@@ -68,7 +73,8 @@ impl Fitter {
             return nothing;
         }
         let Some(frame) = Normal::of(tracks) else { return nothing };
-        let threshold = self.params.threshold_px / frame.scale;
+        // the model leaves out roll and perspective, and its misfit grows with the motion
+        let threshold = (self.params.threshold_px + SLACK * self.median_motion(tracks)) / frame.scale;
         let Some(rough) = self.search(tracks, &frame, threshold) else { return nothing };
         let fine = refine(self.params.form, tracks, &frame, rough, threshold);
         let inliers =
@@ -78,6 +84,14 @@ impl Fitter {
             return nothing;
         }
         Fit { homography, inliers: inliers as u32, tracks: tracks.len() as u32, confidence: confidence(inliers, tracks.len()) }
+    }
+
+    /// Median length of the tracks, pixels.
+    fn median_motion(&mut self, tracks: &[Track]) -> f64 {
+        self.lengths.clear();
+        self.lengths.extend(tracks.iter().map(|t| (t.to[0] - t.from[0]).hypot(t.to[1] - t.from[1])));
+        let middle = self.lengths.len() / 2;
+        *self.lengths.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
     /// The hypothesis with the least truncated error.

@@ -8,7 +8,7 @@
 use nalgebra::Matrix3;
 
 use super::{Motion, Pair, Parameters};
-use crate::geometry::{Homography, OutputMap, RowMotion, Zoom};
+use crate::geometry::{Homography, OutputMap, Pinhole, RowMotion, Zoom};
 
 /// A readout shorter than this part of the frame interval is a global shutter's.
 const LEAST_READOUT: f64 = 1e-6;
@@ -57,15 +57,17 @@ fn entries(h: &Homography) -> [f64; 6] {
 pub struct Cho2007 {
     parameters: Parameters,
     readout_s: f64,
+    hfov_deg: f64,
     height: f64,
+    camera: Pinhole,
     /// Of the last pair's reference and newest frame.
     known: [Motion; 2],
 }
 
 impl Cho2007 {
     /// A model that has seen nothing.
-    pub fn new(parameters: Parameters, readout_s: f64) -> Self {
-        Self { parameters, readout_s, height: 1.0, known: [rest(1e9); 2] }
+    pub fn new(parameters: Parameters, readout_s: f64, hfov_deg: f64) -> Self {
+        Self { parameters, readout_s, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
     }
 
     /// As [`super::Shutter::frames_late`].
@@ -79,6 +81,7 @@ impl Cho2007 {
     /// As [`super::Shutter::begin`].
     pub fn begin(&mut self, size: [usize; 2]) {
         self.height = size[1] as f64;
+        self.camera = Pinhole::new(size, self.hfov_deg);
         self.known = [rest(1e9); 2];
     }
 
@@ -117,6 +120,14 @@ impl Cho2007 {
     pub fn reference(&self) -> Motion {
         self.known[0]
     }
+
+    /// As [`super::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).
+    pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
+        let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
+        let correction = correction(zoom(motion.path), zoom(smoothed), &self.camera);
+        let distortion = undistortion(within.part(strength), rows).inverse().unwrap_or_default();
+        OutputMap::Projective(Homography(distortion.0 * correction.0 * view.0).scaled())
+    }
 }
 
 /// The motion of a camera at rest.
@@ -134,12 +145,15 @@ fn zoom([a, c, d, _]: [f64; 4]) -> Zoom {
     Zoom { a, c, d }
 }
 
-/// Output pixel -> virtual camera -> undistorted frame by `W^-1`, `W = S U^-1` (eq. 13) -> captured frame by D (eq. 3).
-pub fn map(motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
-    let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
-    let back = zoom(motion.path).after(zoom(smoothed).inverse());
-    let distortion = undistortion(within.part(strength), rows).inverse().unwrap_or_default();
-    OutputMap::Projective(Homography(distortion.0 * back.homography().0 * view.0).scaled())
+/// `W^-1`, with `W = S U^-1` (eq. 13), as the turn and zoom of `camera` that does the same at the picture's centre.
+///
+/// The paper shifts the picture. A shift of some tens of pixels where the camera turned leaves a keystone behind, which at the
+/// picture's sides is worse than what rolling shutter did; a turn leaves none. Both agree to first order in the angle.
+fn correction(path: Zoom, smoothed: Zoom, camera: &Pinhole) -> Homography {
+    let back = path.after(smoothed.inverse());
+    let [x, y] = camera.centre;
+    let moved = [back.a * x + back.c - x, back.a * y + back.d - y];
+    camera.turned([-(moved[0] / camera.focal).atan(), (moved[1] / camera.focal).atan(), 0.0, back.a.max(1e-3).ln()])
 }
 
 /// eq. (14): the motion that is left in the stabilized frames, `T^s_t = W_{t+1} T_t W_t^-1`, for frames whose paths are `u` and

@@ -79,7 +79,7 @@ impl Shutter {
     /// top) and sees `hfov_deg` degrees from left to right. The same `seed` gives the same choices.
     pub fn new(params: &Params, readout_s: f64, hfov_deg: f64, seed: u64) -> Self {
         match params.model {
-            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout_s)),
+            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout_s, hfov_deg)),
             Model::Continuous => Self::Continuous(Continuous::new(readout_s, hfov_deg, seed)),
         }
     }
@@ -128,7 +128,7 @@ impl Shutter {
     /// the part of the rows' motion that is undone (0 to 1), `view` takes output pixels to the virtual camera's.
     pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
         match self {
-            Self::Cho2007(_) => cho2007::map(motion, smoothed, strength, view),
+            Self::Cho2007(model) => model.map(motion, smoothed, strength, view),
             Self::Continuous(_) => continuous::map(motion, smoothed, strength, view),
         }
     }
