@@ -16,6 +16,8 @@ const N: usize = 4 * MOST_POINTS;
 pub struct Prior {
     /// Standard deviation of each parameter's acceleration averaged over 1/120 s, units / s^2.
     pub acceleration: Pose,
+    /// Of its jerk, likewise, units / s^3: what tells shake from motion that repeats with every frame, which nothing can measure.
+    pub jerk: Pose,
     /// Of its speed, units / s: draws the path to rest where nothing is seen for long.
     pub speed: Pose,
 }
@@ -48,6 +50,10 @@ pub struct Filter {
     /// Number of the first control point held.
     first: i64,
     points: usize,
+    /// How many of them, the last ones, were added since the last [`Filter::accept`]; their prior can still be eased.
+    fresh: usize,
+    /// Factors on the information of each fresh point's prior: of acceleration and jerk.
+    ease: [[Pose; 2]; MOST_POINTS],
     /// Information without, and with the measurements that are being weighed.
     base: Box<Normal>,
     full: Box<Normal>,
@@ -76,6 +82,8 @@ impl Normal {
     }
 }
 
+/// Degrees of freedom of the prior's distribution.
+const FREEDOM: f64 = 3.0;
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -87,6 +95,8 @@ impl Filter {
             prior,
             first: 0,
             points: 0,
+            fresh: 0,
+            ease: [[[1.0; 4]; 2]; MOST_POINTS],
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
             factor: vec![0.0; N * N].into_boxed_slice(),
@@ -104,6 +114,7 @@ impl Filter {
         self.spacing_s = spacing_s;
         self.first = self.place(time_s).first;
         self.points = 0;
+        self.fresh = 0;
         self.base.matrix.fill(0.0);
         self.base.right.fill(0.0);
         for i in 0..2 {
@@ -174,30 +185,70 @@ impl Filter {
     /// Adds a point that continues the path straight on, as uncertain as the prior says.
     fn push_with_prior(&mut self) {
         let n = 4 * self.points;
-        let (h, mean) = (self.spacing_s, &self.mean);
-        let next = std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]);
-        self.push(next);
-        for c in 0..4 {
-            // averaged over h, white acceleration has a variance that falls as 1 / h
-            let bend = self.prior.acceleration[c] * h * h * (1.0 / (120.0 * h)).sqrt();
-            let (i, j, k) = (n - 8 + c, n - 4 + c, n + c);
-            let m = &mut self.base.matrix;
-            let info = 1.0 / (bend * bend);
-            for (row, column, value) in [(i, i, 1.0), (j, i, -2.0), (j, j, 4.0), (k, i, 1.0), (k, j, -2.0), (k, k, 1.0)] {
-                m[row * N + column] += value * info;
+        let mean = &self.mean;
+        self.push(std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
+        if self.fresh < MOST_POINTS {
+            self.ease[self.fresh] = [[1.0; 4]; 2];
+            self.fresh += 1;
+        }
+    }
+
+    /// The prior's terms at the point of number `point`: unknowns' distance from each other and weights of the sum that should be
+    /// 0, and the standard deviation of that sum.
+    fn prior_terms(&self, point: usize, c: usize) -> [([f64; 4], f64); 3] {
+        let h = self.spacing_s;
+        // averaged over h, white noise has a variance that falls as 1 / h
+        let spread = (1.0 / (120.0 * h)).sqrt();
+        let bend = self.prior.acceleration[c] * h * h * spread;
+        let twist = if point >= 3 { self.prior.jerk[c] * h * h * h * spread } else { f64::INFINITY };
+        let step = self.prior.speed[c] * h * spread;
+        [([0.0, 1.0, -2.0, 1.0], bend), ([-1.0, 3.0, -3.0, 1.0], twist), ([0.0, 0.0, -1.0, 1.0], step)]
+    }
+
+    /// Adds the prior of the fresh points to what is on trial.
+    fn add_prior(&mut self) {
+        for i in 0..self.fresh {
+            let point = self.points - self.fresh + i;
+            for c in 0..4 {
+                for (kind, (weights, deviation)) in self.prior_terms(point, c).into_iter().enumerate() {
+                    let ease = if kind < 2 { self.ease[i][kind][c] } else { 1.0 };
+                    let information = ease / (deviation * deviation);
+                    if information == 0.0 {
+                        continue;
+                    }
+                    for (p, wp) in weights.into_iter().enumerate().filter(|(_, w)| *w != 0.0) {
+                        let row = 4 * (point + p - 3) + c;
+                        for (q, wq) in weights[..=p].iter().enumerate().filter(|(_, w)| **w != 0.0) {
+                            self.full.matrix[row * N + 4 * (point + q - 3) + c] += wp * wq * information;
+                        }
+                    }
+                }
             }
-            // the speed's own prior acts on each interval, so that its pull per second does not depend on h
-            let step = self.prior.speed[c] * h * (1.0 / (120.0 * h)).sqrt();
-            let info = 1.0 / (step * step);
-            m[j * N + j] += info;
-            m[k * N + j] -= info;
-            m[k * N + k] += info;
+        }
+    }
+
+    /// Eases the prior where the path that was found bends more than it expected: Student's t instead of Gauss, so that a knock
+    /// is taken for what it is while a quiet hand is believed to be quiet.
+    pub fn ease_prior(&mut self) {
+        for i in 0..self.fresh {
+            let point = self.points - self.fresh + i;
+            for c in 0..4 {
+                for (kind, (weights, deviation)) in self.prior_terms(point, c).into_iter().enumerate().take(2) {
+                    if deviation.is_infinite() {
+                        continue;
+                    }
+                    let sum: f64 = (0..4).filter(|p| weights[*p] != 0.0).map(|p| weights[p] * self.mean[4 * (point + p - 3) + c]).sum();
+                    let z = sum / deviation;
+                    self.ease[i][kind][c] = (FREEDOM + 1.0) / (FREEDOM + z * z);
+                }
+            }
         }
     }
 
     /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
     pub fn start_trial(&mut self) {
         self.full.copy_from(&self.base, 4 * self.points);
+        self.add_prior();
     }
 
     /// Adds a measurement with its information (1 / variance, 1 / pixels^2) on trial.
@@ -307,6 +358,7 @@ impl Filter {
     pub fn accept(&mut self, time_s: f64) {
         let n = 4 * self.points;
         self.base.copy_from(&self.full, n);
+        self.fresh = 0;
         let keep_from = (self.place(time_s).first - self.first).clamp(0, self.points as i64 - 3) as usize;
         if keep_from == 0 {
             return;
