@@ -2,11 +2,10 @@
 
 mod pulse;
 
-use std::io;
 use std::time::{Duration, Instant};
 
 use crate::config::Settings;
-use crate::device::v4l2::{Capture, CaptureParams, Loopback, LoopbackParams};
+use crate::device::v4l2::{Capture, Loopback, LoopbackParams};
 use crate::device::{DeviceError, FrameSource};
 use crate::pipeline::{Pace, run_threaded};
 use crate::rt::stop::Stop;
@@ -29,25 +28,6 @@ pub struct ExitReport {
     pub stabilized: u64,
     /// Times the camera was opened.
     pub cameras: u64,
-}
-
-/// A [`Stop`] that SIGTERM, SIGINT (Ctrl-C) and SIGHUP set, and the bell that each then rings. The second signal ends the
-/// process at once, for the case that the first finds no ear. To be called once in a process.
-///
-/// # Errors
-/// Where the system refuses a handler or a descriptor.
-pub fn stop_on_signal() -> io::Result<(Stop, Wake)> {
-    let (stop, wake) = (Stop::default(), Wake::new()?);
-    let (seen, bell) = (stop.clone(), wake.clone());
-    let handler = move || {
-        if seen.is_set() {
-            std::process::exit(130);
-        }
-        seen.set();
-        bell.ring();
-    };
-    ctrlc::set_handler(handler).map_err(io::Error::other)?;
-    Ok((stop, wake))
 }
 
 /// Stabilizes the camera's picture into the loopback until `stop` is set (and `wake` rung, so that it is seen at once).
@@ -134,7 +114,7 @@ impl Life<'_> {
 
     /// Opens what is not open and streams until something ends it.
     fn stream(&mut self) -> Ended {
-        let mut camera = match Capture::open(&capture_params(self.settings), self.wake.clone()) {
+        let mut camera = match Capture::open(&self.settings.camera.params(), self.wake.clone()) {
             Ok(camera) => camera,
             Err(error) => return self.judge(error),
         };
@@ -191,20 +171,6 @@ impl Life<'_> {
             }
         }
         Ok(())
-    }
-}
-
-/// What the settings ask of the camera.
-fn capture_params(settings: &Settings) -> CaptureParams {
-    let camera = &settings.camera;
-    let given = |n: u32| (n != 0).then_some(n);
-    CaptureParams {
-        device: camera.device.clone(),
-        format: camera.format,
-        width: given(camera.width),
-        height: given(camera.height),
-        fps: (camera.fps > 0.0).then_some(camera.fps),
-        ..CaptureParams::default()
     }
 }
 
