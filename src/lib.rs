@@ -2,12 +2,15 @@
 
 pub mod command;
 pub mod config;
+pub mod daemon;
 pub mod device;
 pub mod frame;
 pub mod geometry;
 pub mod image;
 pub mod kernel;
+pub mod log;
 pub mod pipeline;
 pub mod report;
 pub mod rt;
 pub mod stage;
+pub mod systemd;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use gimbald::command::{Exit, Failure, check, demo, devices, record, replay};
+use gimbald::command::{Exit, Failure, check, demo, devices, record, replay, run};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -15,6 +15,8 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Stabilize a camera's picture into a loopback device, until told to stop: the service
+    Run(run::Args),
     /// Stabilize a recorded stream
     Replay(replay::Args),
     /// Record a camera's frames as they come
@@ -37,6 +39,7 @@ fn main() -> ExitCode {
         }
     };
     let ended = match &arguments.command {
+        Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Record(args) => record::run(args),
         Command::Demo(args) => demo::run(args),

@@ -6,12 +6,17 @@ use std::process::Command;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use gimbald::device::v4l2::{Capture, CaptureParams, Direction, Loopback, LoopbackParams, devices, find};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent};
 use gimbald::frame::{FrameFlags, Stamp};
-use gimbald::image::{Colour, PixelFormat};
+use gimbald::image::{Colour, Picture, PixelFormat};
 use gimbald::rt::clock::monotonic_ns;
 use gimbald::rt::wake::Wake;
+use gimbald::stage::unpack::Unpack;
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 /// There is one camera: one test at a time.
 static RIG: Mutex<()> = Mutex::new(());
@@ -353,7 +358,7 @@ fn read_back(format: PixelFormat, bytes: &[u8], w: usize, h: usize) -> Option<u8
     whole.then_some(number)
 }
 
-/// Sends frames at 30 a second until `child` ends; its standard output.
+/// Sends a frame each 60 ms (slow enough for a reader on a busy machine) until `child` ends; its standard output.
 fn feed(sink: &mut Loopback, child: std::process::Child) -> Vec<u8> {
     let reader = std::thread::spawn(move || child.wait_with_output().unwrap());
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -363,7 +368,7 @@ fn feed(sink: &mut Loopback, child: std::process::Child) -> Vec<u8> {
         number = number.wrapping_add(1);
         draw(sink, number);
         sink.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() }).unwrap();
-        std::thread::sleep(Duration::from_millis(33));
+        std::thread::sleep(Duration::from_millis(60));
     }
     let output = reader.join().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -403,7 +408,7 @@ fn other_programs_read_what_is_drawn() {
             let child = Command::new("ffmpeg")
                 .args(["-loglevel", "error", "-f", "v4l2", "-i"])
                 .arg(device)
-                .args(["-frames:v", "4", "-f", "rawvideo", "-"])
+                .args(["-frames:v", "8", "-f", "rawvideo", "-"])
                 .stdout(Stdio::piped())
                 .stderr(Stdio::piped())
                 .stdin(Stdio::null())
@@ -502,4 +507,75 @@ fn a_camera_is_no_loopback() {
     let Some(rig) = Rig::find("a_camera_is_no_loopback") else { return };
     let error = Loopback::open(&output(&rig.camera, PixelFormat::Yuyv, 640, 480)).unwrap_err().to_string();
     assert!(error.contains("vivid") && error.contains("modprobe v4l2loopback"), "{error}");
+}
+
+#[test]
+fn a_camera_that_gives_jpeg_is_read() {
+    let Some(rig) = Rig::find("a_camera_that_gives_jpeg_is_read") else { return };
+    // ffmpeg as a camera that gives JPEG: red, for a start.
+    let mut ffmpeg = Command::new("ffmpeg")
+        .args([
+            "-loglevel",
+            "error",
+            "-re",
+            "-f",
+            "lavfi",
+            "-i",
+            "color=red:size=640x480:rate=30",
+            "-c:v",
+            "mjpeg",
+            "-f",
+            "v4l2",
+        ])
+        .arg(&rig.loopback)
+        .spawn()
+        .unwrap();
+    let params = CaptureParams { device: rig.loopback.display().to_string(), ..CaptureParams::default() };
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let mut camera = loop {
+        match Capture::open(&params, Wake::new().unwrap()) {
+            Ok(camera) if camera.format().pixel == PixelFormat::Mjpeg => break camera,
+            other => assert!(Instant::now() < deadline, "{other:?}"),
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    };
+    let (mut unpack, mut picture) = (Unpack::new(), Picture::default());
+    for _ in 0..10 {
+        let (stamp, bytes) = next(&mut camera);
+        assert_eq!(stamp.flags, FrameFlags::default());
+        assert!(bytes.len() < 100_000 && bytes.starts_with(&[0xff, 0xd8]), "cut to what was filled: {}", bytes.len());
+        unpack.unpack(PixelFormat::Mjpeg, (640, 480), 0, &bytes, &mut picture).unwrap();
+        let [y, u, v] = picture.as_ref().planes.map(|plane| i32::from(plane.at(100, 100)));
+        assert!((y - 76).abs() < 12 && (u - 85).abs() < 12 && v > 225, "red: {y} {u} {v}");
+    }
+    drop(camera);
+    ffmpeg.kill().unwrap();
+    ffmpeg.wait().unwrap();
+}
+
+#[test]
+fn no_frame_takes_memory_between_the_devices() {
+    let Some(rig) = Rig::find("no_frame_takes_memory_between_the_devices") else { return };
+    for format in [PixelFormat::Yuyv, PixelFormat::I420] {
+        let mut camera = rig.open(vga(format));
+        let mut sink = Loopback::open(&output(&rig.loopback, format, 640, 480)).unwrap();
+        let (mut unpack, mut picture) = (Unpack::new(), Picture::default());
+        let mut step = || match camera.lend() {
+            Ok(Lent::Frame(frame)) => {
+                let (format, stamp) = (frame.format, frame.stamp);
+                unpack.unpack(format.pixel, (640, 480), format.stride, frame.bytes, &mut picture).is_ok()
+                    && sink.canvas().is_ok_and(|canvas| {
+                        canvas.planes.into_iter().zip(picture.as_ref().planes).for_each(|(mut to, from)| to.copy_from(from));
+                        true
+                    })
+                    && sink.submit(&stamp).is_ok()
+            }
+            Ok(Lent::Idle) => true,
+            _ => false,
+        };
+        assert!((0..2).all(|_| step()));
+        // Taking or giving memory ends the test.
+        assert!((0..60).all(|_| assert_no_alloc(&mut step)));
+        assert!(sink.counts().0 > 50, "{:?}", sink.counts());
+    }
 }

@@ -9,6 +9,7 @@ mod place;
 mod progress;
 pub mod record;
 pub mod replay;
+pub mod run;
 mod settings;
 mod watch;
 

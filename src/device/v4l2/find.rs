@@ -1,5 +1,6 @@
 //! Which device a setting means.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use v4l::v4l_sys::{V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_OUTPUT};
@@ -50,19 +51,26 @@ fn pick(device: &str, direction: Direction, known: &[(Seen, PathBuf)]) -> Result
     if !found.is_empty() && (auto || one(&found)) {
         return Ok(found.into_iter().map(|(_, path)| path.clone()).collect());
     }
-    let role = if direction == Direction::Capture { "camera" } else { "loopback device" };
-    let count = if found.is_empty() { "no" } else { "more than one" };
     let listed = if found.is_empty() { known.iter().collect() } else { found.clone() };
     let names: Vec<_> = listed.iter().map(|(seen, path)| format!("{} ({})", path.display(), seen.card)).collect();
     let there =
         if names.is_empty() { "there is no video device at all".into() } else { format!("there is {}", names.join(", ")) };
-    let advice = match direction {
-        Direction::Output if found.is_empty() => super::LOAD_LOOPBACK,
-        Direction::Capture if known.is_empty() => "plug a camera in",
-        _ => "name it by number, path or card name",
-    };
-    let what = format!("{count} {role} answers to this; {there}; {advice}");
-    Err(DeviceError::Unsupported { path: PathBuf::from(if auto { "auto" } else { device }), what })
+    let path = PathBuf::from(if auto { "auto" } else { device });
+    if !found.is_empty() {
+        let what = format!("more than one device answers to this: {there}; name it by number, path or whole name");
+        return Err(DeviceError::Unsupported { path, what });
+    }
+    Err(match direction {
+        Direction::Output => DeviceError::Unsupported {
+            path,
+            what: format!("no loopback device answers to this; {there}; {}", super::LOAD_LOOPBACK),
+        },
+        // It may be plugged in yet.
+        Direction::Capture => {
+            let source = io::Error::new(io::ErrorKind::NotFound, there);
+            DeviceError::Io { path, doing: "find such a camera", hint: "; name it by number, path or card name", source }
+        }
+    })
 }
 
 /// A node as far as it can be told without its formats.
@@ -140,7 +148,7 @@ mod tests {
         let several = find("camera", Direction::Capture).unwrap_err().to_string();
         assert!(several.contains("more than one") && several.contains("/dev/video5"), "{several}");
         let none = find("C270", Direction::Capture).unwrap_err().to_string();
-        assert!(none.contains("no camera") && none.contains("Integrated Camera IR"), "{none}");
+        assert!(none.contains("cannot find such a camera") && none.contains("Integrated Camera IR"), "{none}");
     }
 
     #[test]

@@ -53,6 +53,9 @@ pub struct Loopback {
     /// The canvas where the frames' layout is not the pipeline's, or where no buffer is free.
     spare: Picture,
     level: Level,
+    /// The buffer that was sent last, and room for a copy of one.
+    last: Option<usize>,
+    copy: Vec<u8>,
     sent: u64,
     dropped: u64,
 }
@@ -107,6 +110,8 @@ impl Loopback {
             direct: false,
             spare: Picture::new(Sampling::S420, format.width as usize, format.height as usize),
             level: Level::detected(),
+            last: None,
+            copy: Vec::new(),
             sent: 0,
             dropped: 0,
         };
@@ -126,6 +131,37 @@ impl Loopback {
     /// Frames sent, and frames given up because the driver had no buffer free.
     pub fn counts(&self) -> (u64, u64) {
         (self.sent, self.dropped)
+    }
+
+    /// Sends the last picture again, as of now; nothing where there was none or no buffer is free. For when the camera is away:
+    /// some readers give up a camera that falls silent.
+    ///
+    /// # Errors
+    /// As [`FrameSink::submit`].
+    pub fn repeat(&mut self) -> Result<(), DeviceError> {
+        let Some(last) = self.last else { return Ok(()) };
+        // v4l2loopback never says that it has none to give back: ask once for each.
+        for _ in 0..self.queue.len() {
+            let _ = self.queue.dequeue();
+        }
+        // What a reader may be looking at is not queued a second time, but copied.
+        let other = (0..self.queue.len()).find(|&index| index != last && !self.queue.bytes(index).is_empty());
+        let Some(other) = other.filter(|_| !self.queue.bytes(last).is_empty()) else { return Ok(()) };
+        let mut copy = std::mem::take(&mut self.copy);
+        copy.clear();
+        copy.extend_from_slice(self.queue.bytes(last));
+        let shared = copy.len().min(self.queue.bytes(other).len());
+        self.queue.bytes_mut(other)[..shared].copy_from_slice(&copy[..shared]);
+        self.copy = copy;
+        self.current = None;
+        self.send(other, monotonic_ns())
+    }
+
+    fn send(&mut self, index: usize, time_ns: i64) -> Result<(), DeviceError> {
+        self.queue.enqueue(index, self.whole, time_ns).map_err(|errno| self.queue.node().error("send a frame to", errno))?;
+        self.last = Some(index);
+        self.sent += 1;
+        Ok(())
     }
 
     /// A buffer to fill: one that is ours, else one the driver is done with, else none. Never waits.
@@ -177,13 +213,7 @@ impl FrameSink for Loopback {
         self.direct = false;
         // Zero would mean "now", and v4l2loopback wants always or never.
         let time_ns = if stamp.time_ns >= 1000 { stamp.time_ns } else { monotonic_ns() };
-        match self.queue.enqueue(index, self.whole, time_ns) {
-            Ok(()) => {
-                self.sent += 1;
-                Ok(())
-            }
-            Err(errno) => Err(self.queue.node().error("send a frame to", errno)),
-        }
+        self.send(index, time_ns)
     }
 }
 

@@ -1,0 +1,195 @@
+//! Signs of life: what the frame path leaves behind in passing, and who looks at it from time to time.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
+
+use crate::device::v4l2::Capture;
+use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
+use crate::frame::{Frame, Outcome};
+use crate::image::PictureRef;
+use crate::pipeline::Observer;
+use crate::rt::clock::monotonic_ns;
+use crate::rt::wake::Wake;
+use crate::systemd::Systemd;
+
+/// How often the status line is told anew, at most.
+const STATUS_EVERY: Duration = Duration::from_secs(5);
+
+/// A frame that was lent this long before the last (nanoseconds) must have been sent: more than the pipeline ever holds back.
+const LATE_NS: i64 = 1_000_000_000;
+
+/// Written by the frame path (a few atomic stores a frame), read by [`attend`].
+#[derive(Debug)]
+pub(super) struct Pulse {
+    systemd: Systemd,
+    ready: AtomicBool,
+    streaming: AtomicBool,
+    /// When the daemon last got on, or had nothing to do and knew it.
+    beat_ns: AtomicI64,
+    lent_ns: AtomicI64,
+    sent_ns: AtomicI64,
+    sent: AtomicU64,
+    stabilized: AtomicU64,
+    /// Sum of the frames' ages when they were sent.
+    age_ns: AtomicI64,
+    /// What the daemon is at; changes with the devices, not with frames.
+    doing: Mutex<String>,
+}
+
+impl Pulse {
+    pub(super) fn new(systemd: Systemd) -> Self {
+        Self {
+            systemd,
+            ready: AtomicBool::new(false),
+            streaming: AtomicBool::new(false),
+            beat_ns: AtomicI64::new(monotonic_ns()),
+            lent_ns: AtomicI64::new(i64::MIN),
+            sent_ns: AtomicI64::new(i64::MIN),
+            sent: AtomicU64::new(0),
+            stabilized: AtomicU64::new(0),
+            age_ns: AtomicI64::new(0),
+            doing: Mutex::new(String::new()),
+        }
+    }
+
+    /// The daemon gets on, or waits for something it can name.
+    pub(super) fn beat(&self) {
+        self.beat_ns.store(monotonic_ns(), Relaxed);
+    }
+
+    /// Says what the daemon is at, for `systemctl status`; while it is `streaming`, its rate will be added.
+    pub(super) fn doing(&self, what: String, streaming: bool) {
+        self.systemd.status(&what);
+        self.streaming.store(streaming, Relaxed);
+        *self.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = what;
+    }
+
+    /// The service is ready, if it was not before.
+    pub(super) fn ready(&self) {
+        if !self.ready.load(Relaxed) && !self.ready.swap(true, Relaxed) {
+            self.systemd.ready();
+        }
+    }
+
+    /// Frames sent so far, and how many of them were stabilized.
+    pub(super) fn sent(&self) -> (u64, u64) {
+        (self.sent.load(Relaxed), self.stabilized.load(Relaxed))
+    }
+
+    fn frame_lent(&self) {
+        self.lent_ns.store(monotonic_ns(), Relaxed);
+    }
+
+    /// The camera gives nothing. That is life only if what it gave before has been sent.
+    fn camera_idle(&self) {
+        if self.sent_ns.load(Relaxed) >= self.lent_ns.load(Relaxed).saturating_sub(LATE_NS) {
+            self.beat();
+        }
+    }
+
+    fn frame_sent(&self, taken_ns: i64, outcome: Outcome) {
+        let now = monotonic_ns();
+        self.beat_ns.store(now, Relaxed);
+        self.sent_ns.store(now, Relaxed);
+        self.sent.fetch_add(1, Relaxed);
+        self.age_ns.fetch_add(now.saturating_sub(taken_ns), Relaxed);
+        if outcome == Outcome::Stabilized {
+            self.stabilized.fetch_add(1, Relaxed);
+        }
+        self.ready();
+    }
+}
+
+/// Feeds systemd's watchdog while there are beats, and its status line; until `done` rings.
+pub(super) fn attend(pulse: &Pulse, done: &Wake) {
+    let watchdog = pulse.systemd.watchdog();
+    let period = watchdog.map_or(STATUS_EVERY, |limit| (limit / 4).min(STATUS_EVERY));
+    let (mut told_ns, mut told_sent, mut told_age) = (monotonic_ns(), 0, 0);
+    while !done.wait(period) {
+        let now = monotonic_ns();
+        let silent_ns = now.saturating_sub(pulse.beat_ns.load(Relaxed));
+        if let Some(limit) = watchdog {
+            if i128::from(silent_ns) < (limit / 2).as_nanos() as i128 {
+                pulse.systemd.alive();
+            } else {
+                tracing::error!(seconds = silent_ns / 1_000_000_000, "nothing gets on: the watchdog is not fed");
+            }
+        }
+        if now - told_ns >= STATUS_EVERY.as_nanos() as i64 {
+            let (sent, age) = (pulse.sent.load(Relaxed), pulse.age_ns.load(Relaxed));
+            let frames = sent - told_sent;
+            if frames > 0 && pulse.streaming.load(Relaxed) {
+                let fps = frames as f64 * 1e9 / (now - told_ns) as f64;
+                let age_ms = (age - told_age) as f64 / frames as f64 / 1e6;
+                let doing = pulse.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
+                pulse
+                    .systemd
+                    .status(&format!("{doing}; {fps:.1} frames a second, {age_ms:.0} ms old when sent, {sent} in all"));
+            }
+            (told_ns, told_sent, told_age) = (now, sent, age);
+        }
+    }
+}
+
+/// A camera whose frames and silences leave their mark in a [`Pulse`].
+pub(super) struct Attended<'a> {
+    pub(super) camera: &'a mut Capture,
+    pub(super) pulse: &'a Pulse,
+    /// Whether it was the camera that ended the run.
+    pub(super) failed: bool,
+}
+
+impl FrameSource for Attended<'_> {
+    fn format(&self) -> StreamFormat {
+        self.camera.format()
+    }
+
+    fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        match self.camera.lend() {
+            Ok(Lent::Idle) => {
+                self.pulse.camera_idle();
+                Ok(Lent::Idle)
+            }
+            Ok(lent) => {
+                self.pulse.frame_lent();
+                Ok(lent)
+            }
+            Err(error) => {
+                self.failed = true;
+                Err(error)
+            }
+        }
+    }
+}
+
+/// Marks each frame that was sent.
+impl Observer for &Pulse {
+    fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
+
+    fn sent(&mut self, frame: &Frame) {
+        self.frame_sent(frame.stamp.time_ns, frame.context.outcome);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_idle_camera_is_life_only_when_its_frames_were_sent() {
+        let pulse = Pulse::new(Systemd::from_env());
+        pulse.beat_ns.store(0, Relaxed);
+        pulse.camera_idle();
+        assert_ne!(pulse.beat_ns.load(Relaxed), 0, "nothing was ever lent");
+        pulse.frame_lent();
+        pulse.beat_ns.store(0, Relaxed);
+        pulse.camera_idle();
+        assert_eq!(pulse.beat_ns.load(Relaxed), 0, "what was lent is stuck");
+        pulse.frame_sent(0, Outcome::Stabilized);
+        pulse.beat_ns.store(0, Relaxed);
+        pulse.camera_idle();
+        assert_ne!(pulse.beat_ns.load(Relaxed), 0);
+        assert_eq!(pulse.sent(), (1, 1));
+    }
+}

@@ -1,0 +1,73 @@
+//! What the daemon tells systemd. Without systemd (no NOTIFY_SOCKET) every word goes nowhere, and nothing fails.
+
+use std::time::Duration;
+
+use sd_notify::NotifyState;
+
+/// The way to the service manager.
+#[derive(Clone, Copy, Debug)]
+pub struct Systemd {
+    listens: bool,
+    watchdog: Option<Duration>,
+}
+
+impl Systemd {
+    /// What the environment says: NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID.
+    pub fn from_env() -> Self {
+        let listens = std::env::var_os("NOTIFY_SOCKET").is_some();
+        Self { listens, watchdog: sd_notify::watchdog_enabled().filter(|_| listens) }
+    }
+
+    /// Whether anybody listens.
+    pub fn listens(&self) -> bool {
+        self.listens
+    }
+
+    /// After how long without [`Systemd::alive`] the service is killed; `None` where nobody watches.
+    pub fn watchdog(&self) -> Option<Duration> {
+        self.watchdog
+    }
+
+    /// The service does its work.
+    pub fn ready(&self) {
+        self.tell(&[NotifyState::Ready]);
+    }
+
+    /// The service ends.
+    pub fn stopping(&self) {
+        self.tell(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
+    }
+
+    /// One line for `systemctl status`.
+    pub fn status(&self, text: &str) {
+        // A line end would begin another message.
+        self.tell(&[NotifyState::Status(&text.replace(['\n', '\r'], " "))]);
+    }
+
+    /// The watchdog is fed.
+    pub fn alive(&self) {
+        self.tell(&[NotifyState::Watchdog]);
+    }
+
+    fn tell(&self, words: &[NotifyState<'_>]) {
+        if self.listens
+            && let Err(error) = sd_notify::notify(words)
+        {
+            tracing::warn!(%error, "the service manager does not listen");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_systemd_nothing_happens() {
+        let nobody = Systemd { listens: false, watchdog: None };
+        nobody.ready();
+        nobody.status("a\nb");
+        nobody.alive();
+        nobody.stopping();
+    }
+}
