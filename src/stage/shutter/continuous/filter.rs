@@ -82,8 +82,8 @@ impl Normal {
     }
 }
 
-/// Degrees of freedom of the prior's distribution.
-const FREEDOM: f64 = 3.0;
+/// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
+const HUBER: f64 = 2.0;
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -227,8 +227,8 @@ impl Filter {
         }
     }
 
-    /// Eases the prior where the path that was found bends more than it expected: Student's t instead of Gauss, so that a knock
-    /// is taken for what it is while a quiet hand is believed to be quiet.
+    /// Eases the prior where the path that was found bends more than it expected (Huber's weights), so that a knock is taken for
+    /// what it is while a quiet hand is believed to be quiet.
     pub fn ease_prior(&mut self) {
         for i in 0..self.fresh {
             let point = self.points - self.fresh + i;
@@ -239,7 +239,7 @@ impl Filter {
                     }
                     let sum: f64 = (0..4).filter(|p| weights[*p] != 0.0).map(|p| weights[p] * self.mean[4 * (point + p - 3) + c]).sum();
                     let z = sum / deviation;
-                    self.ease[i][kind][c] = (FREEDOM + 1.0) / (FREEDOM + z * z);
+                    self.ease[i][kind][c] = (HUBER / z.abs()).min(1.0);
                 }
             }
         }

@@ -27,7 +27,8 @@ const POINTS_PER_FRAME: f64 = 4.0;
 /// Control points are no closer (seconds): hands and desks do not shake above some 30 Hz.
 const LEAST_SPACING_S: f64 = 0.007;
 /// Before anything is measured.
-const PRIOR: Prior = Prior { acceleration: [25.0, 25.0, 15.0, 3.0], jerk: [500.0, 500.0, 300.0, 60.0], speed: [1.5, 1.5, 1.0, 0.2] };
+const PRIOR: Prior =
+    Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
 /// Rounds of weighing; the scale shrinks from round to round.
 const ROUNDS: usize = 5;
 /// Least scale of the robust weights, pixels.
@@ -66,7 +67,7 @@ impl Continuous {
             hfov_deg,
             size: [1, 1],
             camera: Pinhole::default(),
-            filter: Filter::new(1.0 / 120.0, { let e = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d); let (k, j) = (e("ACC", 1.0), e("JERK", 20.0)); Prior { acceleration: PRIOR.acceleration.map(|a| a * k), jerk: PRIOR.acceleration.map(|a| a * k * j), ..PRIOR } }),
+            filter: Filter::new(1.0 / 120.0, PRIOR),
             now_s: 0.0,
             interval_s: 0.0,
             sights: Vec::with_capacity(MOST_TRACKS),
