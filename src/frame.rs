@@ -48,7 +48,9 @@ pub struct Track {
     pub age: u32,
     /// Standard deviation of `to`, as the patch's texture and its difference suggest (pixels).
     pub sigma_px: f32,
-    /// What the shutter model made of it: 1 agrees wholly with the camera's motion, 0 not at all.
+    /// How it agreed with the camera's motion in the frames before: 1 wholly, 0 not at all.
+    pub background: f32,
+    /// What the shutter model made of it in this frame: 1 agrees wholly with the camera's motion, 0 not at all.
     pub weight: f32,
 }
 

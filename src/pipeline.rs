@@ -215,6 +215,7 @@ impl Stabilizer {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
             if !*repeat {
                 self.shutter.observe(Pair { tracks, fit, interval_s });
+                track::remember(&mut self.features, tracks, self.shutter.newest().confidence);
             }
         });
     }

@@ -29,6 +29,9 @@ impl Default for Params {
 /// Frames for which a cell that had nothing to follow is not searched again.
 const REST: u8 = 6;
 
+/// How surely a point is background of which nothing is known.
+const UNKNOWN: f32 = 0.6;
+
 /// Finds new points where old ones were lost.
 #[derive(Debug)]
 pub struct Detector {
@@ -44,7 +47,8 @@ struct Grid {
     cell: usize,
     columns: usize,
     rows: usize,
-    holder: Vec<Option<[f32; 2]>>,
+    /// Its place and how surely it is background.
+    holder: Vec<Option<([f32; 2], f32)>>,
     rest: Vec<u8>,
 }
 
@@ -64,7 +68,7 @@ impl Grid {
     }
 
     /// The point held by the cell in which (x, y) lies.
-    fn holder_mut(&mut self, [x, y]: [f32; 2]) -> &mut Option<[f32; 2]> {
+    fn holder_mut(&mut self, [x, y]: [f32; 2]) -> &mut Option<([f32; 2], f32)> {
         let column = (x.max(0.0) as usize / self.cell).min(self.columns - 1);
         let row = (y.max(0.0) as usize / self.cell).min(self.rows - 1);
         &mut self.holder[row * self.columns + column]
@@ -72,10 +76,20 @@ impl Grid {
 
     /// Whether no point of the neighbouring cells lies within `distance` of (x, y).
     fn is_free(&self, column: usize, row: usize, at: [f32; 2], distance: f32) -> bool {
-        let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
-        rows.flat_map(|r| &self.holder[r * self.columns..][column.saturating_sub(1)..(column + 2).min(self.columns)])
-            .flatten()
-            .all(|p| (p[0] - at[0]).abs().max((p[1] - at[1]).abs()) >= distance)
+        self.neighbours(column, row, 1).all(|(p, _)| (p[0] - at[0]).abs().max((p[1] - at[1]).abs()) >= distance)
+    }
+
+    /// The points held by the cells at most `reach` from a cell.
+    fn neighbours(&self, column: usize, row: usize, reach: usize) -> impl Iterator<Item = &([f32; 2], f32)> {
+        let rows = row.saturating_sub(reach)..(row + reach + 1).min(self.rows);
+        let columns = column.saturating_sub(reach)..(column + reach + 1).min(self.columns);
+        rows.flat_map(move |r| &self.holder[r * self.columns..][columns.clone()]).flatten()
+    }
+
+    /// How surely a new point there is background: as surely as those around it.
+    fn background(&self, column: usize, row: usize) -> f32 {
+        let (sum, count) = self.neighbours(column, row, 2).fold((UNKNOWN, 1.0), |(sum, count), (_, b)| (sum + b, count + 1.0));
+        sum / count
     }
 }
 
@@ -98,7 +112,7 @@ impl Detector {
             let holder = grid.holder_mut(feature.at);
             let first = holder.is_none();
             if first {
-                *holder = Some(feature.at);
+                *holder = Some((feature.at, feature.background));
             }
             first
         });
@@ -119,8 +133,9 @@ impl Detector {
                 }
                 match search(grid, plane, scale, (column, row), least) {
                     Some(at) => {
-                        grid.holder[index] = Some(at);
-                        features.push(Feature { at, id: self.next_id, age: 0 });
+                        let background = grid.background(column, row);
+                        grid.holder[index] = Some((at, background));
+                        features.push(Feature { at, id: self.next_id, age: 0, background });
                         self.next_id = self.next_id.wrapping_add(1);
                     }
                     None => grid.rest[index] = REST,

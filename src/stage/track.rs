@@ -33,6 +33,19 @@ pub struct Feature {
     pub id: u32,
     /// Frame pairs through which it was followed.
     pub age: u32,
+    /// How it agreed with the camera's motion so far: 1 wholly, 0 not at all. Kept by [`remember`].
+    pub background: f32,
+}
+
+/// What a new frame says of a feature counts for so much of its memory.
+const NEWS: f32 = 0.25;
+
+/// Lets `features` remember what the shutter model made of their tracks (same order), in a frame of the given confidence.
+pub fn remember(features: &mut [Feature], tracks: &[Track], confidence: f64) {
+    let news = NEWS * confidence as f32;
+    for (feature, track) in features.iter_mut().zip(tracks) {
+        feature.background += news * (track.weight - feature.background);
+    }
 }
 
 /// Steps at most on a level.
@@ -102,6 +115,7 @@ impl Tracker {
                 id: feature.id,
                 age: feature.age,
                 sigma_px: sigma,
+                background: feature.background,
                 weight: 1.0,
             });
             true

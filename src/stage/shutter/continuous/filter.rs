@@ -237,7 +237,8 @@ impl Filter {
                     if deviation.is_infinite() {
                         continue;
                     }
-                    let sum: f64 = (0..4).filter(|p| weights[*p] != 0.0).map(|p| weights[p] * self.mean[4 * (point + p - 3) + c]).sum();
+                    let sum: f64 =
+                        (0..4).filter(|p| weights[*p] != 0.0).map(|p| weights[p] * self.mean[4 * (point + p - 3) + c]).sum();
                     let z = sum / deviation;
                     self.ease[i][kind][c] = (HUBER / z.abs()).min(1.0);
                 }

@@ -1,18 +1,30 @@
 //! A first idea of how the camera moved between two frames, for the background's sake: hypotheses judged over the whole picture.
 //!
-//! One turn (yaw, pitch, roll, log zoom) is supposed for the whole frame: the motion that was predicted, none, and those that
-//! random pairs of tracks suggest. The one with the least truncated cost wins. What counts is area, not number: the tracks of a
-//! richly textured person weigh no more than the wall beside; and tracks that were background before weigh more.
+//! A hypothesis is a turn that may change from row to row: yaw and pitch as parabolas over the rows (a knock changes them within a
+//! frame), roll and zoom as constants. Tried are the motion that was predicted, none, and what random tracks suggest. The one
+//! with the least truncated cost wins. What counts is area, not number: the tracks of a richly textured person weigh little
+//! more than the wall beside; and tracks that were background before weigh more.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{SMatrix, SVector};
 
 use crate::frame::Track;
-use crate::geometry::{Pinhole, Pose};
+use crate::geometry::Pose;
 
-/// Hypotheses from pairs of tracks.
-const DRAWS: usize = 48;
+/// Unknowns: yaw and pitch (three each), roll, log zoom.
+const UNKNOWNS: usize = 8;
+/// Hypotheses from random tracks.
+const DRAWS: usize = 96;
+/// Tracks to a hypothesis.
+const SAMPLE: usize = 4;
 /// Cells of the picture over which weight is spread (columns, rows).
 const CELLS: [usize; 2] = [8, 6];
+/// Distance at which a hypothesis lets go of a track, pixels.
+const LIMIT_PX: f64 = 2.5;
+/// Truncated cost, as a share of the greatest there can be, below which the prediction is good enough to look no further.
+const GOOD: f64 = 0.2;
+
+/// Unknowns of a hypothesis.
+pub type Turn = SVector<f64, UNKNOWNS>;
 
 /// A track as the estimator sees it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -21,12 +33,13 @@ pub struct Sight {
     pub moved: [f64; 2],
     /// Derivative of a pixel by the pose, half-way.
     pub derivative: [Pose; 2],
+    /// Row, -0.5 (top) to 0.5.
+    pub row: f64,
     /// Share of the picture that it speaks for, times how surely it is background; 1 on average.
     pub say: f64,
 }
 
-/// Gives each track its say: cells share weight evenly (by the square root of their number, a compromise between area and
-/// number), and `background` says how surely each was background before.
+/// Gives each track its say: cells share weight nearly evenly, and `background` says how surely each track was background before.
 pub fn share_out(tracks: &[Track], size: [usize; 2], background: impl Fn(usize) -> f64, sights: &mut [Sight]) {
     let mut counts = [0u32; CELLS[0] * CELLS[1]];
     let cell = |track: &Track| {
@@ -36,70 +49,104 @@ pub fn share_out(tracks: &[Track], size: [usize; 2], background: impl Fn(usize) 
     tracks.iter().for_each(|track| counts[cell(track)] += 1);
     let mut total = 0.0;
     for (i, (track, sight)) in tracks.iter().zip(sights.iter_mut()).enumerate() {
-        let count = f64::from(counts[cell(track)]);
-        sight.say = background(i) / count.powf(0.75);
+        // not quite evenly: one lone track speaks less surely for its cell than many
+        sight.say = background(i) / f64::from(counts[cell(track)]).powf(0.75);
         total += sight.say;
     }
     let mean = (total / tracks.len().max(1) as f64).max(1e-12);
     sights.iter_mut().for_each(|sight| sight.say /= mean);
 }
 
-/// Squared distance between what `turn` says of a track and what was seen.
-#[inline]
-pub fn misfit(sight: &Sight, turn: &Pose) -> f64 {
-    let along = |d: &Pose| d[0] * turn[0] + d[1] * turn[1] + d[2] * turn[2] + d[3] * turn[3];
-    let (ex, ey) = (sight.moved[0] - along(&sight.derivative[0]), sight.moved[1] - along(&sight.derivative[1]));
-    ex * ex + ey * ey
+/// The hypothesis that the pose changes by `turn`, in all rows alike.
+pub fn rigid(turn: Pose) -> Turn {
+    Turn::from([turn[0], 0.0, 0.0, turn[1], 0.0, 0.0, turn[2], turn[3]])
+}
+
+impl Sight {
+    /// Rows x and y of the linear equations in the unknowns.
+    #[inline]
+    fn rows(&self) -> [Turn; 2] {
+        let bend = self.row * self.row - 1.0 / 12.0;
+        self.derivative
+            .map(|d| Turn::from([d[0], d[0] * self.row, d[0] * bend, d[1], d[1] * self.row, d[1] * bend, d[2], d[3]]))
+    }
+
+    /// Squared distance between what `turn` says and what was seen, pixels^2.
+    #[inline]
+    pub fn misfit(&self, turn: &Turn) -> f64 {
+        let bend = self.row * self.row - 1.0 / 12.0;
+        let yaw = turn[0] + turn[1] * self.row + turn[2] * bend;
+        let pitch = turn[3] + turn[4] * self.row + turn[5] * bend;
+        let mut square = 0.0;
+        for (d, moved) in self.derivative.iter().zip(self.moved) {
+            let error = moved - (d[0] * yaw + d[1] * pitch + d[2] * turn[6] + d[3] * turn[7]);
+            square += error * error;
+        }
+        square
+    }
 }
 
 /// The best hypothesis, and the squared distance (pixels^2) at which it lets go of a track.
-pub fn best(sights: &[Sight], predicted: Pose, camera: &Pinhole, mut random: impl FnMut(usize) -> usize) -> (Pose, f64) {
-    // rows move differently within a frame, the more the faster the camera: one turn cannot fit them all
-    let limit = |turn: &Pose| {
-        let speed = camera.focal * turn[0].hypot(turn[1]);
-        (1.5 + 0.2 * speed).powi(2)
-    };
-    let cost = |turn: &Pose, give_up: f64| {
-        let limit = limit(turn);
+pub fn best(sights: &[Sight], predicted: Pose, mut random: impl FnMut(usize) -> usize) -> (Turn, f64) {
+    let limit = LIMIT_PX * LIMIT_PX;
+    let cost = |turn: &Turn, give_up: f64| {
         let mut sum = 0.0;
         for sight in sights {
-            sum += sight.say * (misfit(sight, turn) / limit).min(1.0);
+            sum += sight.say * (sight.misfit(turn) / limit).min(1.0);
             if sum >= give_up {
                 break;
             }
         }
         sum
     };
-    let still = [0.0; 4];
-    // what was expected has a start over chance
-    let mut found = (predicted, 0.9 * cost(&predicted, f64::INFINITY));
-    for i in 0..=DRAWS {
-        let turn = if i == 0 {
-            still
-        } else {
-            match from_pair(&sights[random(sights.len())], &sights[random(sights.len())]) {
-                Some(turn) => turn,
-                None => continue,
+    let mut found = rigid(predicted);
+    let mut least = cost(&found, f64::INFINITY);
+    if least > GOOD * sights.len() as f64 {
+        let still = rigid([0.0; 4]);
+        let still_cost = cost(&still, least);
+        if still_cost < least {
+            (found, least) = (still, still_cost);
+        }
+        for _ in 0..DRAWS {
+            let mut sample = [0; SAMPLE];
+            // those that were background before are drawn more often
+            for index in &mut sample {
+                *index = random(sights.len());
+                if sights[*index].say < 0.5 {
+                    *index = random(sights.len());
+                }
             }
-        };
-        let cost = cost(&turn, found.1);
-        if cost < found.1 {
-            found = (turn, cost);
+            let Some(turn) = solve(sample.iter().map(|&i| (&sights[i], 1.0))) else { continue };
+            let turn_cost = cost(&turn, least);
+            if turn_cost < least {
+                (found, least) = (turn, turn_cost);
+            }
         }
     }
-    (found.0, limit(&found.0))
+    // polished with all that agree
+    for scale in [limit, 0.5 * limit] {
+        let weigh = |sight: &Sight| sight.say * super::geman_mcclure(sight.misfit(&found), scale);
+        if let Some(better) = solve(sights.iter().map(|sight| (sight, weigh(sight)))) {
+            found = better;
+        }
+    }
+    (found, limit)
 }
 
-/// The turn that explains two tracks, with a little reluctance against zoom and roll that two near points cannot tell.
-fn from_pair(a: &Sight, b: &Sight) -> Option<Pose> {
-    let mut matrix = Matrix4::from_diagonal(&Vector4::new(1e-3, 1e-3, 2e3, 1e4));
-    let mut right = Vector4::zeros();
-    for sight in [a, b] {
-        for (row, moved) in sight.derivative.iter().zip(sight.moved) {
-            let row = Vector4::from(*row);
-            matrix.ger(1.0, &row, &row, 1.0);
-            right.axpy(moved, &row, 1.0);
+/// Least squares over weighted tracks (a track's place good to half a pixel), with reluctance against what few tracks cannot tell:
+/// standard deviations of turn, its change and its bend over the rows, of roll and zoom.
+fn solve<'a>(sights: impl Iterator<Item = (&'a Sight, f64)>) -> Option<Turn> {
+    const EXPECTED: [f64; UNKNOWNS] = [1.0, 0.02, 0.01, 1.0, 0.02, 0.01, 0.02, 0.005];
+    let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&Turn::from(EXPECTED.map(|s| 0.25 / (s * s))));
+    let mut right = Turn::zeros();
+    for (sight, weight) in sights {
+        if weight < 1e-3 {
+            continue;
+        }
+        for (row, moved) in sight.rows().iter().zip(sight.moved) {
+            matrix.ger(weight, row, row, 1.0);
+            right.axpy(weight * moved, row, 1.0);
         }
     }
-    matrix.cholesky().map(|factor| factor.solve(&right).into())
+    matrix.cholesky().map(|factor| factor.solve(&right))
 }

@@ -35,6 +35,8 @@ const ROUNDS: usize = 5;
 const LEAST_SCALE_PX: f64 = 0.5;
 /// A track's place is never believed better than this, pixels.
 const LEAST_SIGMA_PX: f64 = 0.05;
+/// Say of a track that never agreed with the camera, against 1 of one that always did.
+const LEAST_SAY: f64 = 0.05;
 /// Tracks below which nothing is estimated.
 const LEAST_TRACKS: usize = 10;
 /// Tracks looked at, at most.
@@ -149,20 +151,26 @@ impl Continuous {
             let derivative = self.camera.derivative(middle);
             let (sooner, later) = (before_s + self.delay(track.from[1]), self.now_s + self.delay(track.to[1]));
             let (sooner, later) = (self.filter.place(sooner), self.filter.place(later));
-            self.sights.push(Sight { moved, derivative, say: 1.0 });
+            let row = middle[1] / self.size[1] as f64 - 0.5;
+            self.sights.push(Sight { moved, derivative, row, say: 1.0 });
             let sigma = f64::from(track.sigma_px).max(LEAST_SIGMA_PX).min(2.0);
             self.differences.push((Difference { sooner, later, derivative, value: moved }, 1.0 / (sigma * sigma)));
         }
-        hypothesis::share_out(tracks, self.size, |i| 0.05 + 0.95 * f64::from(tracks[i].weight), &mut self.sights);
+        hypothesis::share_out(
+            tracks,
+            self.size,
+            |i| LEAST_SAY + (1.0 - LEAST_SAY) * f64::from(tracks[i].background),
+            &mut self.sights,
+        );
         let middle = self.middle();
         let predicted = subtract(self.filter.pose(self.now_s + middle), self.filter.pose(before_s + middle));
         let random = &mut self.random;
-        let (turn, limit) = hypothesis::best(&self.sights, predicted, &self.camera, |below| {
+        let (turn, limit) = hypothesis::best(&self.sights, predicted, |below| {
             *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             ((u128::from(*random) * below as u128) >> 64) as usize
         });
         self.weights.clear();
-        self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(hypothesis::misfit(sight, &turn), limit)));
+        self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         for round in 0..ROUNDS {
             self.filter.start_trial();
             for (((measured, information), sight), weight) in self.differences.iter().zip(&self.sights).zip(&self.weights) {
