@@ -67,7 +67,10 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
     fact("frames stabilized", totals.stabilized.to_string(), rest);
     let total = stats.total();
     fact("time for a frame", format!("{:.2} ms", total.median_ms), format!("median; 99 % within {:.2} ms", total.p99_ms));
-    html.push_str("</dl>\n");
+    html.push_str(
+        "</dl>\n<p>What is left of the shake is what the model itself sees; motion that it does not know, such as roll, is not in \
+         these numbers.</p>\n",
+    );
 }
 
 /// The plots of the paper's Fig. 12.
