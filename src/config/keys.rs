@@ -164,7 +164,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "shutter.model",
         unit: "",
-        doc: "Model of the motion inside a frame: \"cho2007\" is zoom and translation, constant within a frame interval.",
+        doc: "Motion inside a frame: \"cho2007\" (zoom and shift, constant in a frame) or \"continuous\" (a pose for each row).",
         live: false,
         kind: choice!(pipeline.shutter.model, "cho2007" => Model::Cho2007, "continuous" => Model::Continuous),
     },
