@@ -58,7 +58,9 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
         let [before, after] = [|s: &Sample| s.motion, |s: &Sample| s.steadied].map(|of| jerkiness(report, axis, of));
         if before > 0.0 && after.is_finite() {
             let note = format!("{} to {} {}", number(before), number(after), names.unit);
-            fact(&format!("shake left, {}", names.meaning), format!("{:.0} %", 100.0 * after / before), note);
+            // A letter says nothing by itself; a word says more than a phrase.
+            let name = if names.name.len() > 1 { names.name } else { names.meaning };
+            fact(&format!("shake left, {name}"), format!("{:.0} %", 100.0 * after / before), note);
         }
     }
     let most = report.samples.iter().map(|sample| sample.crop_use).filter(|share| share.is_finite()).fold(0.0, f64::max);
