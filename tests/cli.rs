@@ -192,6 +192,8 @@ fn what_cannot_be_done_is_said_with_its_exit_code() {
     bad(64, &["--output"], &["replay", CAR]);
     bad(64, &["out.mp4", ".y4m", ".gbr"], &["replay", CAR, "-o", "out.mp4"]);
     bad(66, &["missing.y4m", "No such file"], &["replay", "missing.y4m", "-o", &out]);
+    bad(66, &["src", "directory"], &["replay", "src", "-o", &out]);
+    bad(64, &["two outputs"], &["replay", CAR, "-o", "-", "--compare=-"]);
     bad(73, &["nowhere/o.y4m", "cannot create"], &["replay", CAR, "-o", "nowhere/o.y4m"]);
     bad(73, &["nowhere/t.csv"], &["replay", CAR, "-o", &out, "--trace", "nowhere/t.csv"]);
     bad(74, &["/dev/full", "No space left"], &["replay", CAR, "-o", &out, "--trace", "/dev/full"]);
