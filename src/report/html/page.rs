@@ -70,7 +70,7 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
     let total = stats.total();
     fact("time for a frame", format!("{:.2} ms", total.median_ms), format!("median; 99 % within {:.2} ms", total.p99_ms));
     html.push_str(
-        "</dl>\n<p>What is left of the shake is what the model itself sees; motion that it does not know, such as roll, is not in \
+        "</dl>\n<p>What is left of the shake is what the model itself sees; motion that it does not know is not in \
          these numbers.</p>\n",
     );
 }
