@@ -26,7 +26,7 @@ const ABSENT: &[(&str, &[&str])] = &[
     ("geometry", &["std::fs", "std::thread", "Instant"]),
     ("image", &["std::fs", "std::thread", "Instant"]),
     ("kernel", &["std::fs", "std::thread", "Instant", "Vec::new", "Box::new"]),
-    ("stage", &["std::fs", "std::thread", "Instant", "SystemTime", "monotonic_ns", "std::io", "println"]),
+    ("stage", &["std::fs", "std::thread", "std::env", "Instant", "SystemTime", "monotonic_ns", "std::io", "println"]),
     ("pipeline", &["std::fs", "device::v4l2", "device::y4m", "toml::", "ioctl"]),
     ("config", &["std::fs", "File::", "std::env", "std::thread"]),
     ("device", &["Homography", "nalgebra"]),
