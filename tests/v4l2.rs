@@ -1,6 +1,7 @@
 //! Real drivers: the kernel's test camera (vivid) and v4l2loopback. Runs where both are there, as root (`tests/vm/run` makes a
 //! virtual machine that has them); elsewhere each test says that it is skipped.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard};
@@ -44,7 +45,11 @@ impl Rig {
             return Some(Self { camera, loopback: loopback.clone(), exclusive: exclusive.clone(), _alone: alone });
         }
         assert!(std::env::var("GIMBALD_DEVICES").as_deref() != Ok("required"), "no vivid and two v4l2loopback here");
-        println!("SKIPPED: {test}: needs the kernel modules vivid and v4l2loopback (two devices); see tests/vm/run");
+        // Past the test harness, which keeps what a test prints to itself unless it fails.
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: {test}: needs the kernel modules vivid and v4l2loopback (two devices); see tests/vm/run"
+        );
         None
     }
 

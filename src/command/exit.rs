@@ -107,6 +107,7 @@ impl From<DeviceError> for Failure {
                 Exit::Unavailable
             }
             DeviceError::Io { doing: "open", .. } => Exit::NoInput,
+            DeviceError::Io { source, .. } if source.kind() == io::ErrorKind::IsADirectory => Exit::NoInput,
             DeviceError::Io { .. } => Exit::Io,
             DeviceError::Format { .. } => Exit::BadData,
             DeviceError::Unsupported { .. } | DeviceError::Busy { .. } | DeviceError::Gone { .. } => Exit::Unavailable,

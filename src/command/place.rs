@@ -23,7 +23,7 @@ pub(super) fn all_differ(input: &Path, outputs: &[&Path]) -> Result<(), Failure>
                 format!("{}: is the input; writing it would destroy what is being read. Choose another name", output.display());
             return Err(Failure::new(Exit::Usage, what));
         }
-        if outputs[..index].iter().any(|other| same(other, output)) {
+        if outputs[..index].iter().any(|other| other == output || same(other, output)) {
             let what = format!("{}: two outputs would be written to it; choose another name for one of them", output.display());
             return Err(Failure::new(Exit::Usage, what));
         }
@@ -35,6 +35,7 @@ pub(super) fn all_differ(input: &Path, outputs: &[&Path]) -> Result<(), Failure>
 fn same(a: &Path, b: &Path) -> bool {
     match (fs::metadata(a), fs::metadata(b)) {
         (Ok(a), Ok(b)) => a.is_file() && (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        // "-" is standard input here and standard output there.
         (Err(_), Err(_)) => a == b && a.as_os_str() != "-",
         _ => false,
     }

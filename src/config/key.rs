@@ -25,8 +25,8 @@ pub struct Key {
 pub enum Kind {
     /// A real number within `range`, ends included.
     Number { range: (f64, f64), get: fn(&Settings) -> f64, set: fn(&mut Settings, f64) },
-    /// A whole number within `range`, ends included; where `odd`, an odd one.
-    Count { range: (u64, u64), odd: bool, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
+    /// A whole number within `range`, ends included: the least, and every `step`th above.
+    Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
     /// One of a few words.
     Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
     /// Any text that is not empty; numbers are taken as their digits.
@@ -71,10 +71,8 @@ impl Key {
     pub fn range(&self) -> String {
         match &self.kind {
             Kind::Number { range: (low, high), .. } => format!("{low} to {high}"),
-            Kind::Count { range: (low, high), odd, .. } => {
-                let odd = if *odd { "odd, " } else { "" };
-                format!("{odd}{low} to {high}")
-            }
+            Kind::Count { range: (low, high), step: 1, .. } => format!("{low} to {high}"),
+            Kind::Count { range: (low, high), step, .. } => format!("{low} to {high} in steps of {step}"),
             Kind::Choice { words, .. } => {
                 let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
                 words.join(", ")
@@ -87,9 +85,7 @@ impl Key {
     pub fn expected(&self) -> String {
         let mut phrase = match &self.kind {
             Kind::Number { .. } => format!("a number from {}", self.range()),
-            Kind::Count { range: (low, high), odd, .. } => {
-                format!("{} whole number from {low} to {high}", if *odd { "an odd" } else { "a" })
-            }
+            Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
             Kind::Text { .. } => "text that is not empty".into(),
@@ -115,9 +111,9 @@ impl Key {
                 }
                 fits
             }
-            (Kind::Count { range, odd, set, .. }, Written::Integer(Some(whole))) => {
+            (Kind::Count { range, step, set, .. }, Written::Integer(Some(whole))) => {
                 let Ok(count) = u64::try_from(*whole) else { return false };
-                let fits = (range.0..=range.1).contains(&count) && (!odd || count % 2 == 1);
+                let fits = (range.0..=range.1).contains(&count) && (count - range.0).is_multiple_of(*step);
                 if fits {
                     set(settings, count);
                 }

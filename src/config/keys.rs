@@ -5,21 +5,20 @@ use crate::image::PixelFormat;
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Model, Parameters};
 
-/// A real number: `number!(path.to.field, least..most)`.
+/// A real number: `number!(path.to.field, least to most)`.
 macro_rules! number {
     ($($field:ident).+, $low:literal to $high:literal) => {
         Kind::Number { range: ($low, $high), get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value }
     };
 }
 
-/// A whole number, its range within the field's type.
+/// A whole number, its range within the field's type: `count!(path.to.field: type, least to most, by step)`.
 macro_rules! count {
-    ($($field:ident).+ : $type:ty, $low:literal to $high:expr) => { count!(@ $($field).+, $type, $low, $high, false) };
-    ($($field:ident).+ : $type:ty, odd $low:literal to $high:expr) => { count!(@ $($field).+, $type, $low, $high, true) };
-    (@ $($field:ident).+, $type:ty, $low:literal, $high:expr, $odd:literal) => {
+    ($($field:ident).+ : $type:ty, $low:literal to $high:expr) => { count!($($field).+ : $type, $low to $high, by 1) };
+    ($($field:ident).+ : $type:ty, $low:literal to $high:expr, by $step:literal) => {
         Kind::Count {
             range: ($low, $high),
-            odd: $odd,
+            step: $step,
             get: |s| s.$($field).+ as u64,
             set: |s, value| s.$($field).+ = value as $type,
         }
@@ -132,7 +131,7 @@ pub const KEYS: &[Key] = &[
         unit: "pixels",
         doc: "Side of the square window that is compared around a point.",
         live: true,
-        kind: count!(pipeline.track.window: u32, odd 9 to 31),
+        kind: count!(pipeline.track.window: u32, 8 to 24, by 8),
     },
     Key {
         name: "track.max_round_trip_px",
@@ -165,7 +164,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "shutter.model",
         unit: "",
-        doc: "Model of the motion inside a frame: \"cho2007\" is zoom and translation, constant within a frame interval.",
+        doc: "Motion inside a frame: \"cho2007\" (zoom and shift, constant in a frame) or \"continuous\" (a pose for each row).",
         live: false,
         kind: choice!(pipeline.shutter.model, "cho2007" => Model::Cho2007, "continuous" => Model::Continuous),
     },

@@ -60,8 +60,8 @@ fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
              out for the default \"constrained\"",
             "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2 (ratio), found an array; choose such a value, or leave the \
              key out for the default 1.1",
-            "g.toml:10: track.window = 10: expected an odd whole number from 9 to 31 (pixels), found 10; choose such a value, or \
-             leave the key out for the default 15",
+            "g.toml:10: track.window = 10: expected a whole number from 8 to 24 in steps of 8 (pixels), found 10; choose such a value, or \
+             leave the key out for the default 16",
             "--set: crop.zoom = nan: expected a number from 1 to 2 (ratio), found NaN; choose such a value, or leave the key out \
              for the default 1.1",
             "--set: nonsense: no = between key and value; write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5",
@@ -151,9 +151,8 @@ proptest! {
         let mut settings = Settings::default();
         match key.kind {
             Kind::Number { range: (low, high), set, .. } => set(&mut settings, low + (high - low) * number),
-            Kind::Count { range: (low, high), odd, set, .. } => {
-                let value = low + count % (high - low + 1);
-                set(&mut settings, if odd { value | 1 } else { value });
+            Kind::Count { range: (low, high), step, set, .. } => {
+                set(&mut settings, low + count % ((high - low) / step + 1) * step);
             }
             Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),

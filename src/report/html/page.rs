@@ -58,7 +58,9 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
         let [before, after] = [|s: &Sample| s.motion, |s: &Sample| s.steadied].map(|of| jerkiness(report, axis, of));
         if before > 0.0 && after.is_finite() {
             let note = format!("{} to {} {}", number(before), number(after), names.unit);
-            fact(&format!("shake left, {}", names.meaning), format!("{:.0} %", 100.0 * after / before), note);
+            // A letter says nothing by itself; a word says more than a phrase.
+            let name = if names.name.len() > 1 { names.name } else { names.meaning };
+            fact(&format!("shake left, {name}"), format!("{:.0} %", 100.0 * after / before), note);
         }
     }
     let most = report.samples.iter().map(|sample| sample.crop_use).filter(|share| share.is_finite()).fold(0.0, f64::max);
@@ -67,7 +69,10 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
     fact("frames stabilized", totals.stabilized.to_string(), rest);
     let total = stats.total();
     fact("time for a frame", format!("{:.2} ms", total.median_ms), format!("median; 99 % within {:.2} ms", total.p99_ms));
-    html.push_str("</dl>\n");
+    html.push_str(
+        "</dl>\n<p>What is left of the shake is what the model itself sees; motion that it does not know is not in \
+         these numbers.</p>\n",
+    );
 }
 
 /// The plots of the paper's Fig. 12.

@@ -1,0 +1,206 @@
+//! The house's rules, read off the source: who may enter whom, where `unsafe` lives, how long a file may be.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A room, and the rooms that it may enter besides itself. What is not here is not built yet: give it its line first.
+const FLOORS: &[(&str, &[&str])] = &[
+    ("geometry", &[]),
+    ("image", &[]),
+    ("rt", &[]),
+    ("kernel", &["image"]),
+    ("frame", &["geometry", "image"]),
+    ("stage", &["kernel", "frame", "geometry", "image"]),
+    ("device", &["kernel", "frame", "image", "rt"]),
+    ("pipeline", &["stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
+    ("config", &["pipeline", "stage", "device", "image"]),
+    ("report", &["config", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
+    ("systemd", &[]),
+    ("log", &["config"]),
+    ("daemon", &["systemd", "log", "config", "report", "pipeline", "device", "frame", "image", "rt"]),
+    ("command", &["daemon", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
+];
+
+/// What a room's code must not say: it would be another room's work.
+const ABSENT: &[(&str, &[&str])] = &[
+    ("geometry", &["std::fs", "std::thread", "Instant"]),
+    ("image", &["std::fs", "std::thread", "Instant"]),
+    ("kernel", &["std::fs", "std::thread", "Instant", "Vec::new", "Box::new"]),
+    ("stage", &["std::fs", "std::thread", "std::env", "Instant", "SystemTime", "monotonic_ns", "std::io", "println"]),
+    ("pipeline", &["std::fs", "device::v4l2", "device::y4m", "toml::", "ioctl"]),
+    ("config", &["std::fs", "File::", "std::env", "std::thread"]),
+    ("device", &["Homography", "nalgebra"]),
+];
+
+/// The only places with `unsafe`.
+const UNSAFE: [&str; 2] = ["src/device/v4l2/", "src/kernel/"];
+const LONGEST: usize = 600;
+const NO_NAMES: [&str; 5] = ["util", "utils", "helpers", "misc", "common"];
+
+/// Every Rust file below `directory`, sorted.
+fn files(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The code of a source without its comments and, they being guests everywhere, without its tests (which stand at the end).
+fn code(source: &str) -> String {
+    let source = source.split("\n#[cfg(test)]\nmod tests {").next().unwrap_or(source);
+    source.lines().map(|line| line.split("//").next().unwrap_or("")).collect::<Vec<_>>().join("\n")
+}
+
+/// The modules that a file is in, from the crate's root down: `src/device/y4m/mod.rs` is `device`, `y4m`.
+fn modules(path: &str) -> Vec<&str> {
+    let path = path.trim_start_matches("src/").trim_end_matches(".rs").trim_end_matches("/mod");
+    path.split('/').filter(|part| !["lib", "main"].contains(part)).collect()
+}
+
+/// The rooms that `code`, standing in `modules`, names by `crate::` or by climbing out with `super::`.
+fn entered(code: &str, modules: &[&str]) -> Vec<String> {
+    let mut rooms = Vec::new();
+    let names = |rest: &str| -> Vec<String> {
+        let word = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+        let Some(group) = rest.strip_prefix('{') else { return vec![word(rest)] };
+        let (mut depth, mut firsts, mut start) = (0, Vec::new(), true);
+        for (at, c) in group.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' if depth == 0 => break,
+                '}' => depth -= 1,
+                ',' if depth == 0 => start = true,
+                _ if depth == 0 && start && (c.is_alphabetic() || c == '_') => {
+                    firsts.push(word(&group[at..]));
+                    start = false;
+                }
+                _ => {}
+            }
+        }
+        firsts
+    };
+    for (at, _) in code.match_indices("crate::") {
+        if !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_') {
+            rooms.extend(names(&code[at + "crate::".len()..]));
+        }
+    }
+    for (at, _) in code.match_indices("super::") {
+        if code[..at].ends_with("super::") {
+            continue;
+        }
+        let mut rest = &code[at..];
+        let mut climbed = 0;
+        while let Some(after) = rest.strip_prefix("super::") {
+            (rest, climbed) = (after, climbed + 1);
+        }
+        if climbed >= modules.len() {
+            rooms.extend(names(rest));
+        }
+    }
+    rooms.retain(|room| room.starts_with(|c: char| c.is_lowercase()) && room != "self");
+    rooms
+}
+
+/// What is wrong with one file, `path` as from the crate's root.
+fn faults(path: &str, source: &str) -> Vec<String> {
+    let mut faults = Vec::new();
+    let mut fault = |what: String| faults.push(format!("{path}: {what}"));
+    if !source.starts_with("//! ") {
+        fault("the first line is no //! sentence".into());
+    }
+    let lines = source.lines().count();
+    if lines > LONGEST {
+        fault(format!("{lines} lines; {LONGEST} at most"));
+    }
+    if !path.starts_with("src/") {
+        return faults;
+    }
+    let modules = modules(path);
+    if let Some(name) = modules.iter().find(|name| NO_NAMES.contains(name)) {
+        fault(format!("a module named {name} is a room without an idea"));
+    }
+    let is_tests = modules.last() == Some(&"tests") || modules.contains(&"tests");
+    let code = code(source);
+    if code.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == "unsafe")
+        && !UNSAFE.iter().any(|room| path.starts_with(room))
+    {
+        fault(format!("unsafe outside of {UNSAFE:?}"));
+    }
+    let Some(room) = modules.first().filter(|_| !is_tests) else { return faults };
+    match FLOORS.iter().find(|(name, _)| name == room) {
+        None => fault(format!("the room {room} has no line in FLOORS of tests/house.rs")),
+        Some((_, may)) => {
+            for other in entered(&code, &modules) {
+                if other != *room && !may.contains(&other.as_str()) {
+                    fault(format!("{room} enters {other}; it may enter {may:?}"));
+                }
+            }
+        }
+    }
+    for word in ABSENT.iter().filter(|(name, _)| name == room).flat_map(|(_, words)| *words) {
+        if code.contains(word) {
+            fault(format!("{word} does not belong into {room}"));
+        }
+    }
+    faults
+}
+
+#[test]
+fn the_house_stands() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut all = Vec::new();
+    let mut seen = 0;
+    for directory in ["src", "tests", "benches", "examples"] {
+        let directory = root.join(directory);
+        if !directory.is_dir() {
+            continue;
+        }
+        for file in files(&directory) {
+            let path = file.strip_prefix(root).unwrap().to_string_lossy().replace('\\', "/");
+            all.extend(faults(&path, &fs::read_to_string(&file).unwrap()));
+            seen += 1;
+        }
+    }
+    assert!(seen > 30, "only {seen} files were looked at");
+    assert!(all.is_empty(), "\n{}\n", all.join("\n"));
+}
+
+#[test]
+fn every_room_is_described_in_the_order_of_its_floors() {
+    for (index, (room, may)) in FLOORS.iter().enumerate() {
+        for other in *may {
+            let below = FLOORS[..index].iter().any(|(name, _)| name == other);
+            assert!(below, "{room} may enter {other}, which is not on a floor below");
+        }
+    }
+}
+
+/// The rules themselves can fail.
+#[test]
+fn a_crooked_house_is_noticed() {
+    let one = |path: &str, source: &str| {
+        let faults = faults(path, source);
+        assert_eq!(faults.len(), 1, "{path}: {source}: {faults:?}");
+        faults[0].clone()
+    };
+    assert!(one("src/stage/fit.rs", "//! x\nuse crate::device::DeviceError;").contains("stage enters device"));
+    assert!(one("src/stage/fit.rs", "//! x\nuse crate::{image::Plane, rt};").contains("stage enters rt"));
+    assert!(one("src/kernel/a/b.rs", "//! x\nuse super::super::super::frame::Frame;").contains("kernel enters frame"));
+    assert!(one("src/image/mod.rs", "//! x\nfn f() { super::rt::stop(); }").contains("image enters rt"));
+    assert!(one("src/stage/fit.rs", "//! x\nunsafe { f() }").contains("unsafe outside"));
+    assert!(one("src/stage/fit.rs", "//! x\nuse std::fs;").contains("std::fs"));
+    assert!(one("src/stage/fit.rs", "fn f() {}").contains("first line"));
+    assert!(one("src/stage/utils.rs", "//! x").contains("utils"));
+    assert!(one("src/attic/mod.rs", "//! x").contains("no line in FLOORS"));
+    assert!(one("tests/x.rs", &format!("//! x\n{}", "//\n".repeat(600))).contains("601 lines"));
+    let fine = "//! Unsafe words: unsafe.\nuse crate::image::{Plane, PlaneRef};\nuse super::detect;\n// crate::device::no\n\
+                fn f() {}\n\n#[cfg(test)]\nmod tests {\n    use crate::device::DeviceError;\n}";
+    assert_eq!(faults("src/stage/fit.rs", fine), Vec::<String>::new());
+}
