@@ -1,6 +1,6 @@
 //! The suitcase that travels: a picture, when it was taken, and what each stage found out about it, in journey order.
 
-use crate::geometry::{Homography, OutputMap, RowMotion};
+use crate::geometry::{Calibration, Homography, OutputMap, RowMotion};
 use crate::image::{Picture, Plane};
 
 /// When a frame was taken and what its source says of it.
@@ -163,6 +163,8 @@ pub struct FrameContext {
     pub fit: Fit,
     /// Motion of the rows within the frame.
     pub rows: RowMotion,
+    /// What the model believes of the camera at this frame; all 0 where it does not find it out.
+    pub calibration: Calibration,
     /// Motion since the frame before, the model's own four parameters (cho2007: a, c, d of eq. 2, then 0).
     pub motion: [f64; 4],
     /// The camera's path at the frame's reference time, the model's own four parameters (cho2007: those of U).

@@ -9,27 +9,22 @@ use std::collections::VecDeque;
 
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
 use crate::frame::{Frame, FrameContext, FrameFlags, HoldReason, Outcome, PassReason, Stage};
+use crate::geometry::Calibration;
 use crate::image::PictureRef;
 use crate::kernel::Level;
 use crate::rt::{clock, stop::Stop};
-use crate::stage::shutter::{Motion, Pair, Shutter};
+use crate::stage::shutter::{Known, Motion, Pair, Shutter};
 use crate::stage::{crop, detect, fit, pyramid, shutter, smooth, track, trust, unpack, warp};
 
 pub use threaded::{Pace, run_threaded};
 
 /// What is known of the camera's optics and sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Camera {
     /// Time from the exposure of the first row to that of the last (milliseconds, -100 to 100; negative: bottom to top).
-    pub readout_ms: f64,
+    pub readout_ms: Known,
     /// Horizontal field of view (degrees, 10 to 170).
-    pub hfov_deg: f64,
-}
-
-impl Default for Camera {
-    fn default() -> Self {
-        Self { readout_ms: 25.0, hfov_deg: 60.0 }
-    }
+    pub hfov_deg: Known,
 }
 
 /// Settings of every stage.
@@ -144,13 +139,23 @@ impl Stabilizer {
             tracker: track::Tracker::new(params.track, level),
             features: Vec::with_capacity(2 * params.detect.points as usize),
             fitter: fit::Fitter::new(params.fit),
-            shutter: Shutter::new(&params.shutter, params.camera.readout_ms / 1000.0, params.camera.hfov_deg, params.fit.seed),
+            shutter: Shutter::new(
+                &params.shutter,
+                params.camera.readout_ms.scaled(1e-3),
+                params.camera.hfov_deg,
+                params.fit.seed,
+            ),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             warper: warp::Warper::new(level, input.colour.siting),
             slots: VecDeque::with_capacity(FRAMES),
             placed_ns: None,
         }
+    }
+
+    /// What is believed of the camera; `None` where the model does not find it out.
+    pub fn calibration(&self) -> Option<Calibration> {
+        self.shutter.calibration()
     }
 
     /// Takes a frame in and finds out how the camera moved.
@@ -246,6 +251,7 @@ impl Stabilizer {
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
             context.smoothed = place(part);
             context.trust = trust;
+            context.calibration = self.shutter.calibration().unwrap_or_default();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.reach(&context.map, &view);
             if context.outcome == Outcome::Pending {

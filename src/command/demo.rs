@@ -21,6 +21,7 @@ use crate::image::{Picture, PictureRef};
 use crate::pipeline::{Observer, run_inline};
 use crate::report::{Compare, Report, compare_format};
 use crate::rt::stop::Stop;
+use crate::stage::shutter::Known;
 use crate::stage::unpack::Unpack;
 
 /// Arguments of `demo`.
@@ -58,8 +59,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     film(&camera, &files.input, &stop)?;
 
     let mut settings = Settings::default();
-    settings.pipeline.camera.readout_ms = camera.readout_ms;
-    settings.pipeline.camera.hfov_deg = camera.hfov_deg;
+    settings.pipeline.camera.readout_ms = Known::Exactly(camera.readout_ms);
+    settings.pipeline.camera.hfov_deg = Known::Exactly(camera.hfov_deg);
     let before = stabilize(&settings, &files, &stop)?;
     let after = measure(&settings, &files.output, &stop)?;
     if stop.is_set() {

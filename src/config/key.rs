@@ -25,6 +25,8 @@ pub struct Key {
 pub enum Kind {
     /// A real number within `range`, ends included.
     Number { range: (f64, f64), get: fn(&Settings) -> f64, set: fn(&mut Settings, f64) },
+    /// A real number within `range`, ends included, or "auto": `None`.
+    NumberOrAuto { range: (f64, f64), get: fn(&Settings) -> Option<f64>, set: fn(&mut Settings, Option<f64>) },
     /// A whole number within `range`, ends included: the least, and every `step`th above.
     Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
     /// One of a few words.
@@ -61,6 +63,7 @@ impl Key {
     pub fn shown(&self, settings: &Settings) -> String {
         match &self.kind {
             Kind::Number { get, .. } => format!("{:?}", get(settings)),
+            Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),
             Kind::Count { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
             Kind::Text { get, .. } => quoted(get(settings)),
@@ -71,6 +74,7 @@ impl Key {
     pub fn range(&self) -> String {
         match &self.kind {
             Kind::Number { range: (low, high), .. } => format!("{low} to {high}"),
+            Kind::NumberOrAuto { range: (low, high), .. } => format!("{low} to {high}, or {}", quoted(AUTO)),
             Kind::Count { range: (low, high), step: 1, .. } => format!("{low} to {high}"),
             Kind::Count { range: (low, high), step, .. } => format!("{low} to {high} in steps of {step}"),
             Kind::Choice { words, .. } => {
@@ -84,7 +88,7 @@ impl Key {
     /// What the key expects, as a phrase with range and unit.
     pub fn expected(&self) -> String {
         let mut phrase = match &self.kind {
-            Kind::Number { .. } => format!("a number from {}", self.range()),
+            Kind::Number { .. } | Kind::NumberOrAuto { .. } => format!("a number from {}", self.range()),
             Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
@@ -98,18 +102,29 @@ impl Key {
 
     /// Takes `value` into `settings`; `false`, and nothing is changed, where the key does not accept it.
     pub(super) fn accept(&self, value: &Written, settings: &mut Settings) -> bool {
+        let number = match value {
+            Written::Integer(Some(whole)) => Some(*whole as f64),
+            Written::Float(number) => Some(*number),
+            _ => None,
+        };
         match (&self.kind, value) {
             (Kind::Number { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
-                let number = match value {
-                    Written::Integer(Some(whole)) => *whole as f64,
-                    Written::Float(number) => *number,
-                    _ => return false,
-                };
-                let fits = (range.0..=range.1).contains(&number);
-                if fits {
+                let fits = number.filter(|number| (range.0..=range.1).contains(number));
+                if let Some(number) = fits {
                     set(settings, number);
                 }
-                fits
+                fits.is_some()
+            }
+            (Kind::NumberOrAuto { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
+                let fits = number.filter(|number| (range.0..=range.1).contains(number));
+                if fits.is_some() {
+                    set(settings, fits);
+                }
+                fits.is_some()
+            }
+            (Kind::NumberOrAuto { set, .. }, Written::Text(word)) if word == AUTO => {
+                set(settings, None);
+                true
             }
             (Kind::Count { range, step, set, .. }, Written::Integer(Some(whole))) => {
                 let Ok(count) = u64::try_from(*whole) else { return false };
@@ -138,6 +153,9 @@ impl Key {
         }
     }
 }
+
+/// The word for a value that gimbald finds out by itself.
+const AUTO: &str = "auto";
 
 /// `text` as a basic TOML string.
 pub(super) fn quoted(text: &str) -> String {

@@ -3,12 +3,26 @@
 use super::{Key, Kind, Level};
 use crate::image::PixelFormat;
 use crate::stage::fit::Form;
-use crate::stage::shutter::{Model, Parameters};
+use crate::stage::shutter::{Known, Model, Parameters};
 
 /// A real number: `number!(path.to.field, least to most)`.
 macro_rules! number {
     ($($field:ident).+, $low:literal to $high:literal) => {
         Kind::Number { range: ($low, $high), get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value }
+    };
+}
+
+/// A constant of the camera, or "auto" where it is to be found out: `known!(path.to.field, least to most)`.
+macro_rules! known {
+    ($($field:ident).+, $low:literal to $high:literal) => {
+        Kind::NumberOrAuto {
+            range: ($low, $high),
+            get: |s| match s.$($field).+ {
+                Known::Exactly(value) => Some(value),
+                Known::Nothing | Known::About(..) => None,
+            },
+            set: |s, value| s.$($field).+ = value.map_or(Known::Nothing, Known::Exactly),
+        }
     };
 }
 
@@ -101,16 +115,16 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "camera.readout_ms",
         unit: "ms",
-        doc: "Time from the exposure of the first row to that of the last; negative where the sensor reads from bottom to top.",
+        doc: "Time from the exposure of the first row to that of the last, negative from bottom to top; \"auto\" finds it out.",
         live: true,
-        kind: number!(pipeline.camera.readout_ms, -100.0 to 100.0),
+        kind: known!(pipeline.camera.readout_ms, -100.0 to 100.0),
     },
     Key {
         name: "camera.hfov_deg",
         unit: "degrees",
-        doc: "Horizontal field of view.",
+        doc: "Horizontal field of view; \"auto\" finds it out.",
         live: true,
-        kind: number!(pipeline.camera.hfov_deg, 10.0 to 170.0),
+        kind: known!(pipeline.camera.hfov_deg, 10.0 to 170.0),
     },
     Key {
         name: "track.points",

@@ -19,6 +19,19 @@ pub struct Pinhole {
     pub centre: [f64; 2],
 }
 
+/// What is believed of the camera, with standard deviations (0 where it was given).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Calibration {
+    /// Time from the first row's exposure to the last one's, seconds; negative from bottom to top.
+    pub readout_s: f64,
+    /// Its standard deviation, seconds.
+    pub readout_deviation_s: f64,
+    /// Horizontal field of view, degrees.
+    pub hfov_deg: f64,
+    /// Its standard deviation, degrees.
+    pub hfov_deviation_deg: f64,
+}
+
 impl Default for Pinhole {
     fn default() -> Self {
         Self { focal: 1.0, centre: [0.0; 2] }

@@ -6,7 +6,7 @@ mod homography;
 mod map;
 mod zoom;
 
-pub use camera::{Pinhole, Pose};
+pub use camera::{Calibration, Pinhole, Pose};
 pub use homography::Homography;
 pub use map::{OutputMap, RowMotion, RowPoses};
 pub use zoom::Zoom;

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use crate::config::{Kind, Settings, keys, shipped_file};
 use crate::stage::fit::Form;
+use crate::stage::shutter::Known;
 
 fn read(text: &str) -> Result<Settings, String> {
     Settings::read(Some(("gimbald.toml", text)), &[]).map_err(|faults| faults.to_string())
@@ -41,7 +42,7 @@ fn the_command_line_wins_over_the_file() {
         &["crop.zoom=1.3".into(), "fit.form=general".into(), "camera.device=/dev/video2".into()],
     )
     .unwrap();
-    assert_eq!((settings.pipeline.crop.zoom, settings.pipeline.camera.readout_ms), (1.3, 5.0));
+    assert_eq!((settings.pipeline.crop.zoom, settings.pipeline.camera.readout_ms), (1.3, Known::Exactly(5.0)));
     assert_eq!((settings.pipeline.fit.form, settings.camera.device.as_str()), (Form::General, "/dev/video2"));
 }
 
@@ -137,6 +138,9 @@ proptest! {
             for key in keys::KEYS {
                 match key.kind {
                     Kind::Number { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
+                    Kind::NumberOrAuto { range, get, .. } => {
+                        prop_assert!(get(&settings).is_none_or(|number| (range.0..=range.1).contains(&number)))
+                    }
                     Kind::Count { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
                     Kind::Choice { words, get, .. } => prop_assert!(words.contains(&get(&settings))),
                     Kind::Text { get, .. } => prop_assert!(!get(&settings).is_empty()),
@@ -151,6 +155,9 @@ proptest! {
         let mut settings = Settings::default();
         match key.kind {
             Kind::Number { range: (low, high), set, .. } => set(&mut settings, low + (high - low) * number),
+            Kind::NumberOrAuto { range: (low, high), set, .. } => {
+                set(&mut settings, (count % 3 != 0).then_some(low + (high - low) * number));
+            }
             Kind::Count { range: (low, high), step, set, .. } => {
                 set(&mut settings, low + count % ((high - low) / step + 1) * step);
             }

@@ -8,11 +8,20 @@ use crate::config::{Settings, keys};
 use crate::frame::{Outcome, Stage};
 use crate::pipeline::Totals;
 use crate::report::{Stats, outcome_name};
+use crate::stage::shutter::Known;
 
 /// Which four parameters of a frame a line shows.
 type Of = fn(&Sample) -> [f64; 4];
 
 const STYLE: &str = include_str!("style.css");
+
+/// What the settings say of the readout time, for a sentence.
+fn readout(known: Known) -> String {
+    match known {
+        Known::Exactly(ms) => format!("a readout of {ms} ms"),
+        Known::About(..) | Known::Nothing => "a readout that it had to find out".into(),
+    }
+}
 
 /// The whole page.
 pub(super) fn html(report: &Report, totals: &Totals, stats: &Stats) -> String {
@@ -40,15 +49,14 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
     let format = &report.format;
     let _ = writeln!(
         html,
-        "<p>{} frames of {}x{} ({}) in {:.2} s of video, stabilized with the model <code>{}</code> for a readout of {} ms, by \
-         gimbald {}.</p>\n<dl class=facts>",
+        "<p>{} frames of {}x{} ({}) in {:.2} s of video, stabilized with the model <code>{}</code> for {}, by gimbald {}.</p>\n<dl class=facts>",
         totals.frames_out,
         format.width,
         format.height,
         format.pixel,
         times.last().copied().unwrap_or(0.0),
         report.names.model,
-        report.settings.pipeline.camera.readout_ms,
+        readout(report.settings.pipeline.camera.readout_ms),
         env!("CARGO_PKG_VERSION"),
     );
     let mut fact = |name: &str, value: String, note: String| {

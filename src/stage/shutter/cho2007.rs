@@ -7,9 +7,13 @@
 
 use nalgebra::Matrix3;
 
-use super::{Motion, Pair, Parameters};
+use super::{Known, Motion, Pair, Parameters};
 use crate::geometry::{Homography, OutputMap, Pinhole, RowMotion, Zoom};
 
+/// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
+/// known of them: this model does not find them out.
+const USUAL_READOUT: f64 = 0.85;
+const USUAL_HFOV_DEG: f64 = 60.0;
 /// A readout shorter than this part of the frame interval is a global shutter's.
 const LEAST_READOUT: f64 = 1e-6;
 
@@ -56,7 +60,7 @@ fn entries(h: &Homography) -> [f64; 6] {
 #[derive(Debug)]
 pub struct Cho2007 {
     parameters: Parameters,
-    readout_s: f64,
+    readout: Known,
     hfov_deg: f64,
     height: f64,
     camera: Pinhole,
@@ -66,8 +70,9 @@ pub struct Cho2007 {
 
 impl Cho2007 {
     /// A model that has seen nothing.
-    pub fn new(parameters: Parameters, readout_s: f64, hfov_deg: f64) -> Self {
-        Self { parameters, readout_s, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
+    pub fn new(parameters: Parameters, readout: Known, hfov: Known) -> Self {
+        let (hfov_deg, _) = hfov.or(USUAL_HFOV_DEG, 0.0);
+        Self { parameters, readout, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
     }
 
     /// As [`super::Shutter::frames_late`].
@@ -87,7 +92,8 @@ impl Cho2007 {
 
     /// Decomposes the pair's homography. What is not believed counts as no motion.
     pub fn observe(&mut self, pair: &Pair<'_>) {
-        let part = self.readout_s / pair.interval_s.max(1e-4);
+        let interval_s = pair.interval_s.max(1e-4);
+        let part = self.readout.or(USUAL_READOUT * interval_s, 0.0).0 / interval_s;
         let rows = self.height / if part.abs() < LEAST_READOUT { LEAST_READOUT } else { part };
         let confidence = pair.fit.confidence;
         let believe = |zoom: Option<Zoom>| zoom.unwrap_or_default().part(confidence.sqrt());

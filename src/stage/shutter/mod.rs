@@ -7,7 +7,7 @@ pub mod cho2007;
 pub mod continuous;
 
 use crate::frame::{Fit, Track};
-use crate::geometry::{Homography, OutputMap, RowMotion};
+use crate::geometry::{Calibration, Homography, OutputMap, RowMotion};
 
 use cho2007::Cho2007;
 use continuous::Continuous;
@@ -39,6 +39,38 @@ pub struct Params {
     pub model: Model,
     /// cho2007 alone: which parameter set.
     pub parameters: Parameters,
+}
+
+/// What is known of one of the camera's constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Known {
+    /// Nothing: to be found out.
+    #[default]
+    Nothing,
+    /// About this, give or take a standard deviation: to be found out better.
+    About(f64, f64),
+    /// Exactly this.
+    Exactly(f64),
+}
+
+impl Known {
+    /// Value and standard deviation; those given where nothing is known.
+    pub fn or(self, value: f64, deviation: f64) -> (f64, f64) {
+        match self {
+            Self::Nothing => (value, deviation),
+            Self::About(value, deviation) => (value, deviation),
+            Self::Exactly(value) => (value, 0.0),
+        }
+    }
+
+    /// The same in another unit.
+    pub fn scaled(self, factor: f64) -> Self {
+        match self {
+            Self::Nothing => Self::Nothing,
+            Self::About(value, deviation) => Self::About(value * factor, deviation * factor.abs()),
+            Self::Exactly(value) => Self::Exactly(value * factor),
+        }
+    }
 }
 
 /// What a pair of frames, the reference and the newest, showed.
@@ -75,12 +107,20 @@ pub enum Shutter {
 }
 
 impl Shutter {
-    /// The model that `params` names, for a camera that reads a frame's rows in `readout_s` seconds (negative: from bottom to
-    /// top) and sees `hfov_deg` degrees from left to right. The same `seed` gives the same choices.
-    pub fn new(params: &Params, readout_s: f64, hfov_deg: f64, seed: u64) -> Self {
+    /// The model that `params` names, for a camera of which is known in how many seconds it reads a frame's rows (negative: from
+    /// bottom to top) and how many degrees it sees from left to right. The same `seed` gives the same choices.
+    pub fn new(params: &Params, readout: Known, hfov: Known, seed: u64) -> Self {
         match params.model {
-            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout_s, hfov_deg)),
-            Model::Continuous => Self::Continuous(Continuous::new(readout_s, hfov_deg, seed)),
+            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout, hfov)),
+            Model::Continuous => Self::Continuous(Continuous::new(readout, hfov, seed)),
+        }
+    }
+
+    /// What is believed of the camera; `None` where the model does not find it out.
+    pub fn calibration(&self) -> Option<Calibration> {
+        match self {
+            Self::Cho2007(_) => None,
+            Self::Continuous(model) => Some(model.calibration()),
         }
     }
 

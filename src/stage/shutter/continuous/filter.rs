@@ -5,11 +5,11 @@
 //! measurements and priors add to it, and points that nothing will refer to any more are eliminated by Schur complement. Given
 //! the measurements' weights this is the exact linear estimate, the same as a Kalman filter's. Nothing is allocated after `new`.
 
+use super::normal::{G, N, Normal, Solution};
 use crate::geometry::Pose;
 
 /// Control points held at a time, at most.
-pub const MOST_POINTS: usize = 40;
-const N: usize = 4 * MOST_POINTS;
+pub const MOST_POINTS: usize = N / 4;
 
 /// How uncertain motion is before it is measured.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +33,8 @@ pub struct Difference {
     pub derivative: [Pose; 2],
     /// Pixels (x, y).
     pub value: [f64; 2],
+    /// Change of what the path says of `value` (x, y) by each global, pixels a unit.
+    pub by_global: [[f64; 2]; G],
 }
 
 /// A moment as the spline sees it: the first of the four control points that matter, and their weights.
@@ -40,6 +42,8 @@ pub struct Difference {
 pub struct Place {
     first: i64,
     weights: [f64; 4],
+    /// Their derivative by time, 1 / s.
+    rates: [f64; 4],
 }
 
 /// The filter.
@@ -57,33 +61,13 @@ pub struct Filter {
     /// Information without, and with the measurements that are being weighed.
     base: Box<Normal>,
     full: Box<Normal>,
-    /// Lower triangle of its Cholesky factor.
-    factor: Box<[f64]>,
-    mean: Box<[f64; N]>,
-}
-
-#[derive(Clone, Debug)]
-struct Normal {
-    /// Row-major, lower triangle, rows N apart.
-    matrix: Box<[f64]>,
-    right: [f64; N],
-}
-
-impl Normal {
-    fn new() -> Self {
-        Self { matrix: vec![0.0; N * N].into_boxed_slice(), right: [0.0; N] }
-    }
-
-    fn copy_from(&mut self, other: &Self, n: usize) {
-        for i in 0..n {
-            self.matrix[i * N..i * N + n].copy_from_slice(&other.matrix[i * N..i * N + n]);
-        }
-        self.right[..n].copy_from_slice(&other.right[..n]);
-    }
+    solution: Solution,
 }
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
 const HUBER: f64 = 2.0;
+/// Information on what is known for certain.
+const CERTAIN: f64 = 1e18;
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -99,8 +83,7 @@ impl Filter {
             ease: [[[1.0; 4]; 2]; MOST_POINTS],
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
-            factor: vec![0.0; N * N].into_boxed_slice(),
-            mean: Box::new([0.0; N]),
+            solution: Solution::new(),
         }
     }
 
@@ -111,12 +94,13 @@ impl Filter {
 
     /// Begins anew at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
     pub fn restart(&mut self, time_s: f64, pose: Pose, spacing_s: f64) {
+        // what the old points knew of the globals is kept
+        let n = 4 * self.points;
+        self.base.eliminate(n, n);
         self.spacing_s = spacing_s;
         self.first = self.place(time_s).first;
         self.points = 0;
         self.fresh = 0;
-        self.base.matrix.fill(0.0);
-        self.base.right.fill(0.0);
         for i in 0..2 {
             self.push(pose);
             for (c, value) in pose.iter().enumerate() {
@@ -142,7 +126,9 @@ impl Filter {
             (1.0 + 3.0 * u + 3.0 * u2 - 3.0 * u3) / 6.0,
             u3 / 6.0,
         ];
-        Place { first: floor as i64 - 1, weights }
+        let rate = 0.5 / self.spacing_s;
+        let rates = [-rate * (1.0 - 2.0 * u + u2), rate * (3.0 * u2 - 4.0 * u), rate * (1.0 + 2.0 * u - 3.0 * u2), rate * u2];
+        Place { first: floor as i64 - 1, weights, rates }
     }
 
     /// Adds control points until `time_s` can be evaluated, each with its prior. False where that would be too many: then the
@@ -161,12 +147,12 @@ impl Filter {
     /// The path at a moment between the first and last control point.
     #[inline]
     pub fn pose(&self, time_s: f64) -> Pose {
-        let Place { first, weights } = self.place(time_s);
+        let Place { first, weights, .. } = self.place(time_s);
         let mut pose = [0.0; 4];
         for (i, weight) in weights.into_iter().enumerate() {
             let point = ((first + i as i64 - self.first).max(0) as usize).min(self.points.saturating_sub(1));
             for (c, value) in pose.iter_mut().enumerate() {
-                *value += weight * self.mean[4 * point + c];
+                *value += weight * self.solution.path[4 * point + c];
             }
         }
         pose
@@ -174,18 +160,15 @@ impl Filter {
 
     fn push(&mut self, pose: Pose) {
         let n = 4 * self.points;
-        for i in n..n + 4 {
-            self.base.matrix[i * N..(i + 1) * N].fill(0.0);
-        }
-        self.base.right[n..n + 4].fill(0.0);
-        self.mean[n..n + 4].copy_from_slice(&pose);
+        self.base.clear(n, n + 4);
+        self.solution.path[n..n + 4].copy_from_slice(&pose);
         self.points += 1;
     }
 
     /// Adds a point that continues the path straight on, as uncertain as the prior says.
     fn push_with_prior(&mut self) {
         let n = 4 * self.points;
-        let mean = &self.mean;
+        let mean = &self.solution.path;
         self.push(std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
         if self.fresh < MOST_POINTS {
             self.ease[self.fresh] = [[1.0; 4]; 2];
@@ -237,8 +220,10 @@ impl Filter {
                     if deviation.is_infinite() {
                         continue;
                     }
-                    let sum: f64 =
-                        (0..4).filter(|p| weights[*p] != 0.0).map(|p| weights[p] * self.mean[4 * (point + p - 3) + c]).sum();
+                    let sum: f64 = (0..4)
+                        .filter(|p| weights[*p] != 0.0)
+                        .map(|p| weights[p] * self.solution.path[4 * (point + p - 3) + c])
+                        .sum();
                     let z = sum / deviation;
                     self.ease[i][kind][c] = (HUBER / z.abs()).min(1.0);
                 }
@@ -255,7 +240,7 @@ impl Filter {
     /// Adds a measurement with its information (1 / variance, 1 / pixels^2) on trial.
     #[inline]
     pub fn add(&mut self, measured: &Difference, information: f64) {
-        let Difference { sooner, later, derivative: [dx, dy], value } = measured;
+        let Difference { sooner, later, derivative: [dx, dy], value, by_global } = measured;
         // information of the difference itself
         let mut inner = [[0.0; 4]; 4];
         let mut right = [0.0; 4];
@@ -282,6 +267,20 @@ impl Filter {
             }
         }
         let touched = &touched[..count];
+        for (g, [gx, gy]) in by_global.iter().enumerate() {
+            if *gx == 0.0 && *gy == 0.0 {
+                continue;
+            }
+            for (h, [hx, hy]) in by_global.iter().enumerate() {
+                self.full.corner[g][h] += information * (gx * hx + gy * hy);
+            }
+            self.full.corner_right[g] += information * (gx * value[0] + gy * value[1]);
+            for &(p, weight) in touched {
+                for c in 0..4 {
+                    self.full.cross[g][4 * p + c] += weight * information * (gx * dx[c] + gy * dy[c]);
+                }
+            }
+        }
         for &(p, wp) in touched {
             for c in 0..4 {
                 self.full.right[4 * p + c] += wp * right[c];
@@ -301,38 +300,37 @@ impl Filter {
         }
     }
 
-    /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
+    /// Solves for the path and the globals with what is on trial. False where the equations have no solution; both are then what
+    /// they were.
     pub fn solve(&mut self) -> bool {
-        let n = 4 * self.points;
-        if !cholesky(&self.full.matrix, &mut self.factor, n) {
-            return false;
+        self.solution.solve(&self.full, 4 * self.points)
+    }
+
+    /// Difference of the poses at a measurement's two moments, and the speeds (units / s) at them.
+    #[inline]
+    pub fn difference(&self, sooner: &Place, later: &Place) -> (Pose, [Pose; 2]) {
+        let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
+        for ((place, sign), speed) in [(sooner, -1.0), (later, 1.0)].into_iter().zip(&mut speeds) {
+            let at = 4 * (place.first - self.first) as usize;
+            for ((point, weight), rate) in self.solution.path[at..at + 16].chunks_exact(4).zip(place.weights).zip(place.rates) {
+                for c in 0..4 {
+                    difference[c] += sign * weight * point[c];
+                    speed[c] += rate * point[c];
+                }
+            }
         }
-        let mut x = self.full.right;
-        substitute(&self.factor, &mut x[..n]);
-        if x[..n].iter().any(|value| !value.is_finite()) {
-            return false;
-        }
-        self.mean[..n].copy_from_slice(&x[..n]);
-        true
+        (difference, speeds)
     }
 
     /// Squared distance between a measurement and what the path says of it, pixels^2.
     #[inline]
     pub fn misfit(&self, measured: &Difference) -> f64 {
-        let mut difference = [0.0; 4];
-        for (place, sign) in [(&measured.sooner, -1.0), (&measured.later, 1.0)] {
-            let at = 4 * (place.first - self.first) as usize;
-            for (point, weight) in self.mean[at..at + 16].chunks_exact(4).zip(place.weights) {
-                for c in 0..4 {
-                    difference[c] += sign * weight * point[c];
-                }
-            }
-        }
+        let (difference, _) = self.difference(&measured.sooner, &measured.later);
         let mut square = 0.0;
-        for (row, value) in measured.derivative.iter().zip(measured.value) {
-            let error =
-                value - (row[0] * difference[0] + row[1] * difference[1] + row[2] * difference[2] + row[3] * difference[3]);
-            square += error * error;
+        for (i, row) in measured.derivative.iter().enumerate() {
+            let by_global: f64 = (0..G).map(|g| measured.by_global[g][i] * self.solution.globals[g]).sum();
+            let said = row[0] * difference[0] + row[1] * difference[1] + row[2] * difference[2] + row[3] * difference[3];
+            square += (measured.value[i] - said - by_global).powi(2);
         }
         square
     }
@@ -341,18 +339,40 @@ impl Filter {
     pub fn deviation(&self, sooner_s: f64, later_s: f64) -> Pose {
         let n = 4 * self.points;
         std::array::from_fn(|c| {
-            let mut x = [0.0; N];
+            let mut function = [0.0; N];
             for (time, sign) in [(sooner_s, -1.0), (later_s, 1.0)] {
-                let Place { first, weights } = self.place(time);
+                let Place { first, weights, .. } = self.place(time);
                 for (i, weight) in weights.into_iter().enumerate() {
                     let point = (first + i as i64 - self.first).clamp(0, self.points as i64 - 1) as usize;
-                    x[4 * point + c] += sign * weight;
+                    function[4 * point + c] += sign * weight;
                 }
             }
-            // |L^-1 e|^2 is the variance
-            forward(&self.factor, &mut x[..n]);
-            x[..n].iter().map(|value| value * value).sum::<f64>().sqrt()
+            self.solution.variance(&mut function[..n]).sqrt()
         })
+    }
+
+    /// The globals that [`Filter::solve`] found, from their origin, and their variances.
+    pub fn globals(&self) -> ([f64; G], [f64; G]) {
+        (self.solution.globals, self.solution.variances)
+    }
+
+    /// Says of the globals, before anything is measured, that they are at their origin, as surely as `variances` say; 0 is for
+    /// certain.
+    pub fn expect_globals(&mut self, variances: [f64; G]) {
+        self.base.corner = [[0.0; G]; G];
+        self.base.corner_right = [0.0; G];
+        self.base.cross = [[0.0; N]; G];
+        for (g, variance) in variances.into_iter().enumerate() {
+            self.base.corner[g][g] = if variance == 0.0 { CERTAIN } else { 1.0 / variance };
+        }
+    }
+
+    /// Moves the globals' origin to where they were found, and lets them wander by `variances`. To follow [`Filter::accept`].
+    pub fn follow_globals(&mut self, variances: [f64; G]) {
+        let n = 4 * self.points;
+        self.base.shift_globals(self.solution.globals, n);
+        self.solution.globals = [0.0; G];
+        self.base.loosen_globals(variances, n);
     }
 
     /// Accepts what is on trial, and eliminates the control points that no moment from `time_s` on refers to.
@@ -365,84 +385,9 @@ impl Filter {
             return;
         }
         let cut = 4 * keep_from;
-        eliminate(&mut self.base, cut, n);
-        for i in cut..n {
-            self.base.matrix.copy_within(i * N + cut..i * N + n, (i - cut) * N);
-        }
-        self.base.right.copy_within(cut..n, 0);
-        self.mean.copy_within(cut..n, 0);
+        self.base.eliminate(cut, n);
+        self.solution.path.copy_within(cut..n, 0);
         self.points -= keep_from;
         self.first += keep_from as i64;
-    }
-}
-
-/// Lower Cholesky factor of the leading `n` x `n` block; false where it is not positive definite.
-fn cholesky(matrix: &[f64], factor: &mut [f64], n: usize) -> bool {
-    for i in 0..n {
-        let (done, rest) = factor.split_at_mut(i * N);
-        let row = &mut rest[..n];
-        for j in 0..i {
-            let other = &done[j * N..j * N + j + 1];
-            let sum = matrix[i * N + j] - dot(&row[..j], &other[..j]);
-            row[j] = sum / other[j];
-        }
-        let pivot = matrix[i * N + i] - dot(&row[..i], &row[..i]);
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return false;
-        }
-        row[i] = pivot.sqrt();
-    }
-    true
-}
-
-/// Sum of products, in four lanes so that the compiler may use wide registers.
-#[inline]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; 4];
-    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let tail: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a4.zip(b4) {
-        for i in 0..4 {
-            lanes[i] += a[i] * b[i];
-        }
-    }
-    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + tail
-}
-
-fn forward(factor: &[f64], x: &mut [f64]) {
-    for i in 0..x.len() {
-        x[i] = (x[i] - dot(&factor[i * N..i * N + i], &x[..i])) / factor[i * N + i];
-    }
-}
-
-fn substitute(factor: &[f64], x: &mut [f64]) {
-    forward(factor, x);
-    for i in (0..x.len()).rev() {
-        x[i] /= factor[i * N + i];
-        let value = x[i];
-        for j in 0..i {
-            x[j] -= factor[i * N + j] * value;
-        }
-    }
-}
-
-/// Eliminates the first `cut` of `n` unknowns by symmetric Gauss elimination; what is left stands from row `cut` on.
-fn eliminate(normal: &mut Normal, cut: usize, n: usize) {
-    let m = &mut normal.matrix;
-    for k in 0..cut {
-        let pivot = m[k * N + k];
-        if !(pivot > 0.0) {
-            continue;
-        }
-        for i in k + 1..n {
-            let share = m[i * N + k] / pivot;
-            if share == 0.0 {
-                continue;
-            }
-            for j in k + 1..=i {
-                m[i * N + j] -= share * m[j * N + k];
-            }
-            normal.right[i] -= share * normal.right[k];
-        }
     }
 }

@@ -16,9 +16,10 @@
 
 mod filter;
 mod hypothesis;
+mod normal;
 
-use super::{Motion, Pair};
-use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
+use super::{Known, Motion, Pair};
+use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
 use filter::{Difference, Filter, MOST_POINTS, Prior};
 use hypothesis::Sight;
 
@@ -26,6 +27,15 @@ use hypothesis::Sight;
 const POINTS_PER_FRAME: f64 = 4.0;
 /// Control points are no closer (seconds): hands and desks do not shake above some 30 Hz.
 const LEAST_SPACING_S: f64 = 0.007;
+/// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals).
+const USUAL_READOUT: f64 = 0.75;
+const READOUT_SPREAD: f64 = 0.25;
+/// Horizontal field of view that is expected likewise, and its standard deviation (degrees).
+const USUAL_HFOV_DEG: f64 = 60.0;
+const HFOV_SPREAD_DEG: f64 = 15.0;
+/// How far both may wander from a frame to the next (frame intervals; logarithm of the focal length).
+const READOUT_WANDER: f64 = 5e-4;
+const FOCAL_WANDER: f64 = 5e-4;
 /// Before anything is measured.
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
@@ -45,8 +55,10 @@ const MOST_TRACKS: usize = 4096;
 /// The model's state.
 #[derive(Debug)]
 pub struct Continuous {
-    readout_s: f64,
-    hfov_deg: f64,
+    readout: Known,
+    hfov: Known,
+    /// What is believed of the camera at the moment.
+    calibration: Calibration,
     size: [usize; 2],
     camera: Pinhole,
     filter: Filter,
@@ -58,15 +70,19 @@ pub struct Continuous {
     weights: Vec<f64>,
     scale_px: f64,
     random: u64,
+    /// Variances by which readout time and log focal length may wander from frame to frame; 0 where they are known.
+    wander: [f64; 2],
     newest: Motion,
 }
 
 impl Continuous {
-    /// A model that has seen nothing, for a camera that reads a frame in `readout_s` seconds and sees `hfov_deg` degrees.
-    pub fn new(readout_s: f64, hfov_deg: f64, seed: u64) -> Self {
+    /// A model that has seen nothing, for a camera of which readout time (seconds) and horizontal field of view (degrees) are known
+    /// as said.
+    pub fn new(readout: Known, hfov: Known, seed: u64) -> Self {
         Self {
-            readout_s,
-            hfov_deg,
+            readout,
+            hfov,
+            calibration: Calibration::default(),
             size: [1, 1],
             camera: Pinhole::default(),
             filter: Filter::new(1.0 / 120.0, PRIOR),
@@ -77,6 +93,7 @@ impl Continuous {
             weights: Vec::with_capacity(MOST_TRACKS),
             scale_px: LEAST_SCALE_PX,
             random: seed,
+            wander: [0.0; 2],
             newest: Motion { rows: RowMotion::default(), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0 },
         }
     }
@@ -84,7 +101,9 @@ impl Continuous {
     /// As [`super::Shutter::begin`].
     pub fn begin(&mut self, size: [usize; 2]) {
         self.size = size;
-        self.camera = Pinhole::new(size, self.hfov_deg);
+        let (hfov_deg, _) = self.hfov.or(USUAL_HFOV_DEG, 0.0);
+        self.camera = Pinhole::new(size, hfov_deg);
+        self.calibration = Calibration::default();
         self.now_s = 0.0;
         self.interval_s = 0.0;
         self.scale_px = LEAST_SCALE_PX;
@@ -98,12 +117,12 @@ impl Continuous {
 
     /// Seconds from a frame's time to the exposure of row `y`; never negative.
     fn delay(&self, y: f64) -> f64 {
-        self.readout_s * y / self.size[1] as f64 + (-self.readout_s).max(0.0)
+        self.calibration.readout_s * y / self.size[1] as f64 + (-self.calibration.readout_s).max(0.0)
     }
 
     /// Seconds from a frame's time to that of its middle row.
     fn middle(&self) -> f64 {
-        0.5 * self.readout_s.abs()
+        0.5 * self.calibration.readout_s.abs()
     }
 
     fn rows(&self, pose: impl Fn(f64) -> Pose) -> RowMotion {
@@ -116,13 +135,16 @@ impl Continuous {
     pub fn observe(&mut self, pair: Pair<'_>) {
         let before_s = self.now_s;
         self.now_s += pair.interval_s;
-        let last_s = self.now_s + self.readout_s.abs();
         let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
         let restarted = changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
+        if self.interval_s == 0.0 {
+            self.expect(pair.interval_s);
+        }
         self.interval_s = pair.interval_s;
+        let last_s = self.now_s + self.calibration.readout_s.abs();
         if restarted || !self.filter.extend_to(last_s) {
-            let spacing = wanted.max((pair.interval_s + 2.0 * self.readout_s.abs()) / (MOST_POINTS - 8) as f64);
+            let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
             self.filter.extend_to(last_s);
         }
@@ -132,6 +154,76 @@ impl Continuous {
         let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
         self.newest = Motion { rows, motion: subtract(path, self.newest.path), path, confidence };
         self.filter.accept(self.now_s);
+        self.follow_camera();
+    }
+
+    /// Before the first pair: what is expected of readout time and field of view.
+    fn expect(&mut self, interval_s: f64) {
+        let (readout_s, readout_deviation) = self.readout.or(USUAL_READOUT * interval_s, READOUT_SPREAD * interval_s);
+        let (hfov_deg, hfov_deviation) = self.hfov.or(USUAL_HFOV_DEG, HFOV_SPREAD_DEG);
+        self.camera = Pinhole::new(self.size, hfov_deg);
+        let log_focal = hfov_deviation / self.degrees_per_log_focal();
+        self.calibration =
+            Calibration { readout_s, readout_deviation_s: readout_deviation, hfov_deg, hfov_deviation_deg: hfov_deviation };
+        self.filter.expect_globals([readout_deviation * readout_deviation, log_focal * log_focal]);
+        self.wander = [
+            if readout_deviation > 0.0 { (READOUT_WANDER * interval_s).powi(2) } else { 0.0 },
+            if hfov_deviation > 0.0 { FOCAL_WANDER.powi(2) } else { 0.0 },
+        ];
+    }
+
+    /// How many degrees the field of view narrows as the logarithm of the focal length grows by one.
+    fn degrees_per_log_focal(&self) -> f64 {
+        let half = 0.5 * self.size[0] as f64 / self.camera.focal;
+        (2.0 * half / (1.0 + half * half)).to_degrees()
+    }
+
+    /// Takes over what the last pair said of the camera, and starts from there.
+    fn follow_camera(&mut self) {
+        if self.wander == [0.0; 2] {
+            return;
+        }
+        let ([readout, log_focal], [readout_variance, focal_variance]) = self.filter.globals();
+        let limit = 1.1 * self.interval_s;
+        self.calibration.readout_s = (self.calibration.readout_s + readout).clamp(-limit, limit);
+        let width = self.size[0] as f64;
+        self.camera.focal = (self.camera.focal * log_focal.clamp(-0.1, 0.1).exp()).clamp(0.3 * width, 6.0 * width);
+        self.calibration.hfov_deg = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
+        if self.wander[0] > 0.0 {
+            self.calibration.readout_deviation_s = readout_variance.max(0.0).sqrt();
+        }
+        if self.wander[1] > 0.0 {
+            self.calibration.hfov_deviation_deg = focal_variance.max(0.0).sqrt() * self.degrees_per_log_focal();
+        }
+        self.filter.follow_globals(self.wander);
+    }
+
+    /// What is believed of the camera.
+    pub fn calibration(&self) -> Calibration {
+        self.calibration
+    }
+
+    /// How what the path says of a measurement depends on readout time (pixels / s) and on the logarithm of the focal length
+    /// (pixels), with the path as it is believed at the moment.
+    fn by_global(&self, measured: &Difference, rows: [f64; 2]) -> [[f64; 2]; 2] {
+        let (difference, [sooner, later]) = self.filter.difference(&measured.sooner, &measured.later);
+        let dot = |row: &Pose, pose: &Pose| row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3];
+        let from_bottom = if self.calibration.readout_s < 0.0 { 1.0 } else { 0.0 };
+        let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
+        let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
+        let [dx, dy] = &measured.derivative;
+        let readout = if self.wander[0] > 0.0 { [dot(dx, &moved), dot(dy, &moved)] } else { [0.0; 2] };
+        let f = self.camera.focal;
+        // f dB / df: the terms with 1 / f change their sign, roll and zoom do not depend on f
+        let focal = if self.wander[1] > 0.0 {
+            [
+                (-2.0 * f - dx[0]) * difference[0] - dx[1] * difference[1],
+                -dy[0] * difference[0] + (2.0 * f - dy[1]) * difference[1],
+            ]
+        } else {
+            [0.0; 2]
+        };
+        [readout, focal]
     }
 
     /// Weighs the tracks and solves for the path. Gives the confidence.
@@ -153,8 +245,11 @@ impl Continuous {
             let (sooner, later) = (self.filter.place(sooner), self.filter.place(later));
             let row = middle[1] / self.size[1] as f64 - 0.5;
             self.sights.push(Sight { moved, derivative, row, say: 1.0 });
-            let sigma = f64::from(track.sigma_px).max(LEAST_SIGMA_PX).min(2.0);
-            self.differences.push((Difference { sooner, later, derivative, value: moved }, 1.0 / (sigma * sigma)));
+            let sigma = f64::from(track.sigma_px).clamp(LEAST_SIGMA_PX, 2.0);
+            self.differences.push((
+                Difference { sooner, later, derivative, value: moved, by_global: [[0.0; 2]; 2] },
+                1.0 / (sigma * sigma),
+            ));
         }
         hypothesis::share_out(
             tracks,
@@ -172,6 +267,12 @@ impl Continuous {
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         for round in 0..ROUNDS {
+            if self.wander != [0.0; 2] && round > 0 {
+                for i in 0..self.differences.len() {
+                    let rows = [tracks[i].from[1], tracks[i].to[1]];
+                    self.differences[i].0.by_global = self.by_global(&self.differences[i].0, rows);
+                }
+            }
             self.filter.start_trial();
             for (((measured, information), sight), weight) in self.differences.iter().zip(&self.sights).zip(&self.weights) {
                 if *weight > 1e-3 {

@@ -1,0 +1,328 @@
+//! Normal equations with a border: many unknowns of the path, and a few globals (readout time, focal length) that all see.
+//!
+//! ```text
+//! [ A  C' ] [ x ]   [ r ]
+//! [ C  K  ] [ g ] = [ s ]
+//! ```
+//!
+//! A is symmetric; its lower triangle is stored. Nothing is allocated after `new`.
+
+/// Unknowns of the path at a time, at most.
+pub const N: usize = 160;
+/// Globals.
+pub const G: usize = 2;
+
+/// The equations: an information matrix and its right-hand side.
+#[derive(Clone, Debug)]
+pub struct Normal {
+    /// A, row-major, rows N apart.
+    pub matrix: Box<[f64]>,
+    /// r.
+    pub right: [f64; N],
+    /// C.
+    pub cross: [[f64; N]; G],
+    /// K.
+    pub corner: [[f64; G]; G],
+    /// s.
+    pub corner_right: [f64; G],
+}
+
+/// A solution and what of the factorization outlives it.
+#[derive(Debug)]
+pub struct Solution {
+    /// Cholesky factor of A, lower, rows N apart.
+    factor: Box<[f64]>,
+    /// x.
+    pub path: Box<[f64; N]>,
+    /// g.
+    pub globals: [f64; G],
+    /// Variances of g.
+    pub variances: [f64; G],
+}
+
+impl Normal {
+    /// Equations that say nothing.
+    pub fn new() -> Self {
+        Self {
+            matrix: vec![0.0; N * N].into_boxed_slice(),
+            right: [0.0; N],
+            cross: [[0.0; N]; G],
+            corner: [[0.0; G]; G],
+            corner_right: [0.0; G],
+        }
+    }
+
+    /// Takes over what `other` says of its first `n` unknowns and of the globals.
+    pub fn copy_from(&mut self, other: &Self, n: usize) {
+        for i in 0..n {
+            self.matrix[i * N..i * N + n].copy_from_slice(&other.matrix[i * N..i * N + n]);
+        }
+        self.right[..n].copy_from_slice(&other.right[..n]);
+        for (to, from) in self.cross.iter_mut().zip(&other.cross) {
+            to[..n].copy_from_slice(&from[..n]);
+        }
+        self.corner = other.corner;
+        self.corner_right = other.corner_right;
+    }
+
+    /// Forgets whatever was said of unknowns `from` .. `to`.
+    pub fn clear(&mut self, from: usize, to: usize) {
+        for i in from..to {
+            self.matrix[i * N..(i + 1) * N].fill(0.0);
+        }
+        self.right[from..to].fill(0.0);
+        self.cross.iter_mut().for_each(|cross| cross[from..to].fill(0.0));
+    }
+
+    /// Eliminates the first `cut` of `n` unknowns (Schur complement) and moves the others to the front.
+    pub fn eliminate(&mut self, cut: usize, n: usize) {
+        let m = &mut self.matrix;
+        for k in 0..cut {
+            let pivot = m[k * N + k];
+            if pivot <= 0.0 || pivot.is_nan() {
+                continue;
+            }
+            for i in k + 1..n {
+                let share = m[i * N + k] / pivot;
+                if share == 0.0 {
+                    continue;
+                }
+                for j in k + 1..=i {
+                    m[i * N + j] -= share * m[j * N + k];
+                }
+                self.right[i] -= share * self.right[k];
+            }
+            for g in 0..G {
+                let share = self.cross[g][k] / pivot;
+                for i in k + 1..n {
+                    self.cross[g][i] -= share * m[i * N + k];
+                }
+                self.corner_right[g] -= share * self.right[k];
+                for (corner, cross) in self.corner[g].iter_mut().zip(&self.cross) {
+                    *corner -= share * cross[k];
+                }
+            }
+        }
+        for i in cut..n {
+            m.copy_within(i * N + cut..i * N + n, (i - cut) * N);
+        }
+        self.right.copy_within(cut..n, 0);
+        self.cross.iter_mut().for_each(|cross| cross.copy_within(cut..n, 0));
+    }
+
+    /// Moves the origin of the globals to `origin`: what was `origin` is 0 from now on.
+    pub fn shift_globals(&mut self, origin: [f64; G], n: usize) {
+        for (g, origin) in origin.into_iter().enumerate() {
+            for (right, cross) in self.right[..n].iter_mut().zip(&self.cross[g]) {
+                *right -= cross * origin;
+            }
+            for (right, row) in self.corner_right.iter_mut().zip(&self.corner) {
+                *right -= row[g] * origin;
+            }
+        }
+    }
+
+    /// Lets the globals wander: each gains `variances` of uncertainty (the information matrix after adding process noise, by
+    /// Woodbury's identity). A variance of 0 lets it stay.
+    pub fn loosen_globals(&mut self, variances: [f64; G], n: usize) {
+        for (g, variance) in variances.into_iter().enumerate() {
+            if variance == 0.0 {
+                continue;
+            }
+            let scale = 1.0 / (1.0 / variance + self.corner[g][g]);
+            let (column, corner, right) = (self.cross[g], self.corner[g], self.corner_right[g]);
+            for i in 0..n {
+                let share = scale * column[i];
+                if share == 0.0 {
+                    continue;
+                }
+                for j in 0..=i {
+                    self.matrix[i * N + j] -= share * column[j];
+                }
+                self.right[i] -= share * right;
+            }
+            for h in 0..G {
+                let share = scale * corner[h];
+                for i in 0..n {
+                    self.cross[h][i] -= share * column[i];
+                }
+                self.corner_right[h] -= share * right;
+                for (value, corner) in self.corner[h].iter_mut().zip(corner) {
+                    *value -= share * corner;
+                }
+            }
+        }
+    }
+}
+
+impl Solution {
+    /// All zero.
+    pub fn new() -> Self {
+        Self { factor: vec![0.0; N * N].into_boxed_slice(), path: Box::new([0.0; N]), globals: [0.0; G], variances: [0.0; G] }
+    }
+
+    /// Solves the first `n` unknowns and the globals. False where the equations have no solution; the solution is then what it
+    /// was.
+    pub fn solve(&mut self, normal: &Normal, n: usize) -> bool {
+        if !cholesky(&normal.matrix, &mut self.factor, n) {
+            return false;
+        }
+        let mut x = normal.right;
+        self.forward(&mut x[..n]);
+        // border: w = L^-1 C', K - w'w is what the globals have to themselves
+        let mut w = normal.cross;
+        let (mut k, mut s) = (normal.corner, normal.corner_right);
+        for g in 0..G {
+            self.forward(&mut w[g][..n]);
+            s[g] -= dot(&w[g][..n], &x[..n]);
+        }
+        for g in 0..G {
+            for h in 0..G {
+                k[g][h] -= dot(&w[g][..n], &w[h][..n]);
+            }
+        }
+        let determinant = k[0][0] * k[1][1] - k[0][1] * k[1][0];
+        if !(determinant > 0.0 && k[0][0] > 0.0) {
+            return false;
+        }
+        let globals = [(k[1][1] * s[0] - k[0][1] * s[1]) / determinant, (k[0][0] * s[1] - k[1][0] * s[0]) / determinant];
+        for (g, value) in globals.into_iter().enumerate() {
+            for (x, w) in x[..n].iter_mut().zip(&w[g]) {
+                *x -= w * value;
+            }
+        }
+        self.backward(&mut x[..n]);
+        if x[..n].iter().chain(&globals).any(|value| !value.is_finite()) {
+            return false;
+        }
+        self.path[..n].copy_from_slice(&x[..n]);
+        self.globals = globals;
+        self.variances = [k[1][1] / determinant, k[0][0] / determinant];
+        true
+    }
+
+    /// The variance of a linear function of the path, were the globals known.
+    pub fn variance(&self, function: &mut [f64]) -> f64 {
+        self.forward(function);
+        dot(function, function)
+    }
+
+    fn forward(&self, x: &mut [f64]) {
+        for i in 0..x.len() {
+            let row = &self.factor[i * N..i * N + i + 1];
+            x[i] = (x[i] - dot(&row[..i], &x[..i])) / row[i];
+        }
+    }
+
+    fn backward(&self, x: &mut [f64]) {
+        for i in (0..x.len()).rev() {
+            let row = &self.factor[i * N..i * N + i + 1];
+            x[i] /= row[i];
+            let value = x[i];
+            for (x, factor) in x[..i].iter_mut().zip(row) {
+                *x -= factor * value;
+            }
+        }
+    }
+}
+
+/// Lower Cholesky factor of the leading `n` x `n` block; false where it is not positive definite.
+fn cholesky(matrix: &[f64], factor: &mut [f64], n: usize) -> bool {
+    for i in 0..n {
+        let (done, rest) = factor.split_at_mut(i * N);
+        let row = &mut rest[..n];
+        for j in 0..i {
+            let other = &done[j * N..j * N + j + 1];
+            row[j] = (matrix[i * N + j] - dot(&row[..j], &other[..j])) / other[j];
+        }
+        let pivot = matrix[i * N + i] - dot(&row[..i], &row[..i]);
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return false;
+        }
+        row[i] = pivot.sqrt();
+    }
+    true
+}
+
+/// Sum of products, in four lanes so that the compiler may use wide registers.
+#[inline]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a4.zip(b4) {
+        for i in 0..4 {
+            lanes[i] += a[i] * b[i];
+        }
+    }
+    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + tail
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A random positive definite system of n + G unknowns, as equations.
+    fn system(n: usize, seed: u64) -> Normal {
+        let mut state = seed;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let mut normal = Normal::new();
+        for _ in 0..3 * n {
+            let row: Vec<f64> = (0..n + G).map(|_| random()).collect();
+            let value = random();
+            for i in 0..n {
+                for j in 0..=i {
+                    normal.matrix[i * N + j] += row[i] * row[j];
+                }
+                normal.right[i] += row[i] * value;
+            }
+            for g in 0..G {
+                for i in 0..n {
+                    normal.cross[g][i] += row[n + g] * row[i];
+                }
+                for h in 0..G {
+                    normal.corner[g][h] += row[n + g] * row[n + h];
+                }
+                normal.corner_right[g] += row[n + g] * value;
+            }
+        }
+        normal
+    }
+
+    #[test]
+    fn elimination_changes_nothing_of_what_is_left() {
+        let (n, cut) = (20, 8);
+        let mut normal = system(n, 3);
+        let (mut whole, mut rest) = (Solution::new(), Solution::new());
+        assert!(whole.solve(&normal, n));
+        normal.eliminate(cut, n);
+        assert!(rest.solve(&normal, n - cut));
+        for i in cut..n {
+            assert!((whole.path[i] - rest.path[i - cut]).abs() < 1e-9);
+        }
+        for g in 0..G {
+            assert!((whole.globals[g] - rest.globals[g]).abs() < 1e-9);
+            assert!((whole.variances[g] / rest.variances[g] - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn loosening_adds_variance_and_shifting_moves_the_origin() {
+        let n = 12;
+        let mut normal = system(n, 5);
+        let (mut before, mut after) = (Solution::new(), Solution::new());
+        assert!(before.solve(&normal, n));
+        normal.loosen_globals([0.5, 0.0], n);
+        assert!(after.solve(&normal, n));
+        assert!((after.variances[0] - before.variances[0] - 0.5).abs() < 1e-9);
+        assert!((after.variances[1] - before.variances[1]).abs() < 1e-9);
+        assert!((after.path[3] - before.path[3]).abs() < 1e-9);
+        normal.shift_globals(after.globals, n);
+        assert!(before.solve(&normal, n));
+        assert!(before.globals.iter().all(|value| value.abs() < 1e-9));
+        assert!((after.path[3] - before.path[3]).abs() < 1e-9);
+    }
+}
