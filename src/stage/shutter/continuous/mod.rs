@@ -266,11 +266,15 @@ impl Continuous {
         });
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
+        // a picture that hardly moves says nothing of the camera, but its noise would
+        let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
+        let share = if self.wander == [0.0; 2] { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
         for round in 0..ROUNDS {
-            if self.wander != [0.0; 2] && round > 0 {
+            if share > 0.0 && round > 0 {
                 for i in 0..self.differences.len() {
                     let rows = [tracks[i].from[1], tracks[i].to[1]];
-                    self.differences[i].0.by_global = self.by_global(&self.differences[i].0, rows);
+                    self.differences[i].0.by_global =
+                        self.by_global(&self.differences[i].0, rows).map(|pixels| pixels.map(|value| share * value));
                 }
             }
             self.filter.start_trial();
