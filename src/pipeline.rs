@@ -122,7 +122,7 @@ enum Progress {
 
 /// Frames that are under way at a time, at most: what a pool needs.
 pub const FRAMES: usize = 8;
-/// Frames that may wait for their motion; with more of them, what is known is enough.
+/// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough.
 const MOST_WAITING: usize = 3;
 
 impl Stabilizer {
@@ -161,7 +161,7 @@ impl Stabilizer {
     /// Takes a frame in and finds out how the camera moved.
     pub fn take_in(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
-        if self.slots.iter().filter(|slot| slot.progress == Progress::Waiting).count() >= MOST_WAITING {
+        if self.slots.iter().filter(|slot| slot.progress != Progress::Sent).count() >= MOST_WAITING {
             self.settle_waiting(self.shutter.newest());
         }
         let reference = self.reference();

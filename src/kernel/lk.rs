@@ -18,6 +18,9 @@ pub struct Template<const N: usize> {
     descent: [[[f32; N]; N]; 2],
     /// Gauss-Newton matrix (xx, xy, yy) of `descent`, grey levels^2 / pixel^2, summed over the patch.
     pub gauss_newton: [f32; 3],
+    /// Centre of the patch's texture (mean offset from the patch's centre, weighted by the squared slope), pixels: where a patch
+    /// that is also turned or magnified a little moves as the alignment says.
+    pub centroid: [f32; 2],
 }
 
 /// Sums of one step: the right-hand side (x, y) and the squared difference after removing the change of brightness.
@@ -33,7 +36,7 @@ pub struct Step {
 
 impl<const N: usize> Default for Template<N> {
     fn default() -> Self {
-        Self { value: [[0.0; N]; N], descent: [[[0.0; N]; N]; 2], gauss_newton: [0.0; 3] }
+        Self { value: [[0.0; N]; N], descent: [[[0.0; N]; N]; 2], gauss_newton: [0.0; 3], centroid: [0.0; 2] }
     }
 }
 
@@ -155,7 +158,10 @@ fn take_body<const N: usize>(template: &mut Template<N>, plane: PlaneRef<'_>, ce
     let variance = (sum(&square) - area * mean * mean).max(1.0);
     let along = [(sum(&dots[0]) - area * mean * mean_x) / variance, (sum(&dots[1]) - area * mean * mean_y) / variance];
     let mut gn = [[0.0f32; N]; 3];
+    let mut moments = [[0.0f32; N]; 2];
+    let half = (N as f32 - 1.0) / 2.0;
     for y in 0..N {
+        let down = y as f32 - half;
         for x in 0..N {
             let value = template.value[y][x] - mean;
             let gx = template.descent[0][y][x] - mean_x - along[0] * value;
@@ -166,9 +172,14 @@ fn take_body<const N: usize>(template: &mut Template<N>, plane: PlaneRef<'_>, ce
             gn[0][x] += gx * gx;
             gn[1][x] += gx * gy;
             gn[2][x] += gy * gy;
+            let slope = gx * gx + gy * gy;
+            moments[0][x] += slope * (x as f32 - half);
+            moments[1][x] += slope * down;
         }
     }
     template.gauss_newton = [sum(&gn[0]), sum(&gn[1]), sum(&gn[2])];
+    let slope = (template.gauss_newton[0] + template.gauss_newton[2]).max(1.0);
+    template.centroid = [sum(&moments[0]) / slope, sum(&moments[1]) / slope];
 }
 
 #[inline(always)]

@@ -40,8 +40,9 @@ fn span_body(plane: PlaneRef<'_>, line: Line, out: &mut [u8]) {
             let at = (y >> 16) as usize * stride + (x >> 16) as usize;
             let pixel = &samples[at..at + stride + 2];
             *out = blend([pixel[0], pixel[1], pixel[stride], pixel[stride + 1]], x, y);
-            x += line.step[0];
-            y += line.step[1];
+            // the step past the last pixel may lead anywhere
+            x = x.wrapping_add(line.step[0]);
+            y = y.wrapping_add(line.step[1]);
         }
         return;
     }
@@ -91,6 +92,15 @@ mod tests {
         let mut out = [0; 6];
         span(Level::detected(), plane.as_ref(), Line { start: [-3 * ONE, i32::MAX], step: [i32::MAX, i32::MIN] }, &mut out);
         assert_eq!(out, [9; 6]);
+    }
+
+    #[test]
+    fn a_single_pixel_may_have_any_step() {
+        let mut plane = Plane::<u8>::new(4, 4);
+        plane.samples_mut().fill(9);
+        let mut out = [0; 1];
+        span(Level::detected(), plane.as_ref(), Line { start: [ONE, ONE], step: [i32::MAX, i32::MIN] }, &mut out);
+        assert_eq!(out, [9]);
     }
 
     #[test]

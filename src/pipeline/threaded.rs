@@ -43,18 +43,17 @@ pub fn run_threaded(
         Pace::Lossless => 2,
     });
     let stealing = (pace == Pace::Live).then(|| mailbox.clone());
+    let over = &Stop::default();
     std::thread::scope(|scope| {
         let capture = std::thread::Builder::new().name("capture".into()).spawn_scoped(scope, move || {
             let hand_over = HandOver { empty, full, stealing };
-            hand_over.run(source, stop)
+            hand_over.run(source, || stop.is_set() || over.is_set())
         });
         let capture = capture.map_err(|error| DeviceError::io("capture thread", "start", error))?;
         let mut totals = Totals::default();
         let sent = carry(&mailbox, &free, &mut stabilizer, sink, observer, &mut totals);
-        if sent.is_err() {
-            // nothing can be sent any more: the source need not go on
-            stop.set();
-        }
+        // where nothing can be sent any more, a source that gives nothing must not be asked for ever
+        over.set();
         drop((mailbox, free));
         let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         totals.frames_in = captured.frames_in;
@@ -95,11 +94,11 @@ struct HandOver {
 }
 
 impl HandOver {
-    /// Until the source ends, `stop` is set or nobody takes frames any more.
-    fn run(self, source: &mut dyn FrameSource, stop: &Stop) -> (Totals, Result<(), DeviceError>) {
+    /// Until the source ends, it `is_over` or nobody takes frames any more.
+    fn run(self, source: &mut dyn FrameSource, is_over: impl Fn() -> bool) -> (Totals, Result<(), DeviceError>) {
         let (mut capture, mut totals) = (Capture::default(), Totals::default());
         let mut spare = None;
-        while !stop.is_set() {
+        while !is_over() {
             let Some(mut frame) = spare.take().or_else(|| self.next_empty(&mut totals)) else { break };
             match source.lend() {
                 Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),

@@ -66,7 +66,7 @@ impl Fitter {
         Self { params, state: params.seed, lengths: Vec::with_capacity(MOST_TRACKS) }
     }
 
-    /// Fits `tracks`. With too few of them, or all of them in one place, the fit is the identity with confidence 0.
+    /// Fits `tracks`. With too few of them, or all of them in one place or on a line, the fit is the identity with confidence 0.
     pub fn fit(&mut self, tracks: &[Track]) -> Fit {
         let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };
         if tracks.len() < LEAST_TRACKS {
@@ -77,13 +77,14 @@ impl Fitter {
         let threshold = (self.params.threshold_px + SLACK * self.median_motion(tracks)) / frame.scale;
         let Some(rough) = self.search(tracks, &frame, threshold) else { return nothing };
         let fine = refine(self.params.form, tracks, &frame, rough, threshold);
-        let inliers =
-            tracks.iter().filter(|track| frame.error(&fine, track).is_some_and(|e| e < threshold * threshold)).count();
+        let agree = |track: &&Track| frame.error(&fine, track).is_some_and(|e| e < threshold * threshold);
+        let inliers = tracks.iter().filter(agree).count();
+        let confidence = confidence(inliers, tracks.len(), frame.spread(tracks.iter().filter(agree)));
         let homography = frame.restore(&fine);
-        if !homography.is_finite() {
+        if !homography.is_finite() || confidence == 0.0 {
             return nothing;
         }
-        Fit { homography, inliers: inliers as u32, tracks: tracks.len() as u32, confidence: confidence(inliers, tracks.len()) }
+        Fit { homography, inliers: inliers as u32, tracks: tracks.len() as u32, confidence }
     }
 
     /// Median length of the tracks, pixels.
@@ -155,10 +156,11 @@ pub fn is_repeat(tracks: &[Track], before: &[Track]) -> bool {
     enough && moved(tracks, 0.06) < 0.1 && moved(before, 0.4) > 0.8
 }
 
-/// How far to believe a fit: 0 with hardly more inliers than unknowns or one in five, 1 with 40 and one in two.
-fn confidence(inliers: usize, tracks: usize) -> f64 {
+/// How far to believe a fit: 0 with hardly more inliers than unknowns, one in five, or all on a line; 1 with 40, one in two and an
+/// eighth as wide as long.
+fn confidence(inliers: usize, tracks: usize, spread: f64) -> f64 {
     let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
-    ramp(inliers as f64, 8.0, 40.0) * ramp(inliers as f64 / tracks.max(1) as f64, 0.2, 0.5)
+    ramp(inliers as f64, 8.0, 40.0) * ramp(inliers as f64 / tracks.max(1) as f64, 0.2, 0.5) * ramp(spread, 0.03, 0.12)
 }
 
 /// The normalising similarity: the tracks' centre goes to 0, their mean distance from it to 1.
@@ -190,6 +192,22 @@ impl Normal {
         let (from, to) = self.pair(track);
         let [x, y, _] = project(h, from)?;
         Some((x - to[0]) * (x - to[0]) + (y - to[1]) * (y - to[1]))
+    }
+
+    /// How wide the tracks lie against how long: the ratio of their deviations along both principal axes, 0 (on a line) to 1.
+    fn spread<'a>(&self, tracks: impl Iterator<Item = &'a Track>) -> f64 {
+        let (mut n, mut mean, mut square) = (0.0, [0.0; 2], [0.0; 3]);
+        for track in tracks {
+            let ([x, y], _) = self.pair(track);
+            n += 1.0;
+            mean = [mean[0] + x, mean[1] + y];
+            square = [square[0] + x * x, square[1] + x * y, square[2] + y * y];
+        }
+        let [mx, my] = mean.map(|m| m / n);
+        let [xx, xy, yy] = [square[0] / n - mx * mx, square[1] / n - mx * my, square[2] / n - my * my];
+        let root = ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt();
+        let (smaller, larger) = ((xx + yy - root).max(0.0), xx + yy + root);
+        if larger > 0.0 { (smaller / larger).sqrt() } else { 0.0 }
     }
 
     /// The same homography between pixels.

@@ -68,7 +68,21 @@ pub struct Tracker {
 #[derive(Clone, Copy)]
 struct Way {
     shift: [f32; 2],
+    /// Where in the patch the texture lies that was followed.
+    centroid: [f32; 2],
     /// Standard deviation of the place that the difference left over suggests, pixels.
+    sigma: f32,
+}
+
+/// A point followed forth and back.
+struct Found {
+    /// Mean shift of both ways.
+    shift: [f32; 2],
+    /// Where the shift holds, from the point.
+    centroid: [f32; 2],
+    /// Distance between the start and where the way back ends.
+    round_trip: f32,
+    /// Standard deviation of the shift.
     sigma: f32,
 }
 
@@ -98,10 +112,10 @@ impl Tracker {
         features.retain_mut(|feature| {
             let [x, y] = feature.at;
             let [gx, gy] = guess([f64::from(x), f64::from(y)]);
-            let Some((shift, round_trip, sigma)) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y])
-            else {
+            let Some(found) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y]) else {
                 return false;
             };
+            let Found { shift, centroid, round_trip, sigma } = found;
             let to = [x + shift[0], y + shift[1]];
             let inside = (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0);
             if !inside || round_trip > self.params.max_round_trip_px as f32 {
@@ -109,9 +123,10 @@ impl Tracker {
             }
             feature.at = to;
             feature.age += 1;
+            let from = [f64::from(x + centroid[0]), f64::from(y + centroid[1])];
             context.tracks.push(Track {
-                from: [f64::from(x), f64::from(y)],
-                to: to.map(f64::from),
+                from,
+                to: [from[0] + f64::from(shift[0]), from[1] + f64::from(shift[1])],
                 id: feature.id,
                 age: feature.age,
                 sigma_px: sigma,
@@ -140,34 +155,34 @@ impl<'a> Pyramids<'a> {
     }
 }
 
-/// Follows the point `at` forth and back. Gives the mean shift of both ways, the distance between the start and where the way
-/// back ends, and the standard deviation of the shift.
+/// Follows the point `at` forth and back.
 fn follow_one<const N: usize>(
     level: Level,
     old: &Pyramids<'_>,
     new: &Pyramids<'_>,
     at: [f32; 2],
     guess: [f32; 2],
-) -> Option<([f32; 2], f32, f32)> {
+) -> Option<Found> {
     let forth = descend::<N>(level, old, new, at, guess)?;
     let there = [at[0] + forth.shift[0], at[1] + forth.shift[1]];
     let back = descend::<N>(level, new, old, there, guess.map(|g| -g))?;
     let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
     let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
-    Some((shift, apart[0].hypot(apart[1]), forth.sigma))
+    let centroid = [0, 1].map(|i: usize| 0.5 * (forth.centroid[i] + back.centroid[i]));
+    Some(Found { shift, centroid, round_trip: apart[0].hypot(apart[1]), sigma: forth.sigma })
 }
 
 /// Follows a point from the coarsest level to the finest; `None` where it is lost.
 fn descend<const N: usize>(level: Level, old: &Pyramids<'_>, new: &Pyramids<'_>, at: [f32; 2], guess: [f32; 2]) -> Option<Way> {
     let mut template = lk::Template::<N>::default();
-    let mut way = Way { shift: guess, sigma: f32::INFINITY };
+    let mut way = Way { shift: guess, centroid: [0.0; 2], sigma: f32::INFINITY };
     for i in (0..=old.levels.len()).rev() {
         let scale = 1.0 / (1u32 << i) as f32;
         let here = at.map(|c| (c + 0.5) * scale - 0.5);
         template.take(level, old.plane(i), here);
         let start = way.shift.map(|s| s * scale);
         match align(level, &template, new.plane(i), here, start, SETTLED[i.min(1)]) {
-            Some(found) => way = Way { shift: found.shift.map(|s| s / scale), sigma: found.sigma },
+            Some(found) => way = Way { shift: found.shift.map(|s| s / scale), ..found },
             // a coarse level may show nothing of what the finest one shows
             None if i > 0 => {}
             None => return None,
@@ -215,5 +230,5 @@ fn align<const N: usize>(
     // noise has slopes too, and they say nothing: a difference of two noisy pictures has twice their variance, a central
     // difference of one half of it
     let slope = (smaller - 0.25 * area * difference * difference).max(0.02 * smaller);
-    Some(Way { shift, sigma: difference / slope.sqrt() })
+    Some(Way { shift, centroid: template.centroid, sigma: difference / slope.sqrt() })
 }

@@ -113,3 +113,6 @@ fn chroma_offset(sampling: Sampling, siting: Siting) -> [f32; 2] {
         _ => [0.0, 0.0],
     }
 }
+
+#[cfg(test)]
+mod tests;
