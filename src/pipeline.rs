@@ -210,7 +210,7 @@ impl Stabilizer {
         frame.context.interval_s = interval_s;
         timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
         timed(frame, Stage::Detect, |_| self.detector.replenish(before, &mut self.features));
-        timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features, |at| at));
+        timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features));
         timed(frame, Stage::Fit, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
             *fit = self.fitter.fit(tracks);

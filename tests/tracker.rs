@@ -15,7 +15,7 @@ fn follow(before: &Frame, now: &mut Frame, params: track::Params) -> Vec<Track> 
     let mut features = Vec::new();
     detect::Detector::new(detect::Params::default()).replenish(before, &mut features);
     assert!(features.len() > 150, "only {} corners", features.len());
-    track::Tracker::new(params, Level::detected()).follow(before, now, &mut features, |at| at);
+    track::Tracker::new(params, Level::detected()).follow(before, now, &mut features);
     now.context.tracks.clone()
 }
 

@@ -55,13 +55,15 @@ const SETTLED: [f32; 2] = [0.004, 0.04];
 /// A step or a way longer than this on one level is a point lost (pixels of that level).
 const FARTHEST: f32 = 12.0;
 /// Root mean square difference between both patches above which they are not the same thing (grey levels).
-const MOST_DIFFERENCE: f32 = 22.0;
+const MOST_DIFFERENCE: f32 = 40.0;
 
 /// Follows points from one frame to the next.
 #[derive(Debug)]
 pub struct Tracker {
     params: Params,
     level: Level,
+    found: Vec<Option<Found>>,
+    shifts: Vec<f32>,
 }
 
 /// A way along which a point was found.
@@ -74,7 +76,11 @@ struct Way {
     sigma: f32,
 }
 
+/// Features for which there is room from the start.
+const MOST_FEATURES: usize = 4096;
+
 /// A point followed forth and back.
+#[derive(Debug)]
 struct Found {
     /// Mean shift of both ways.
     shift: [f32; 2],
@@ -89,12 +95,15 @@ struct Found {
 impl Tracker {
     /// A tracker with the given settings.
     pub fn new(params: Params, level: Level) -> Self {
-        Self { params, level }
+        Self { params, level, found: Vec::with_capacity(MOST_FEATURES), shifts: Vec::with_capacity(MOST_FEATURES) }
     }
 
-    /// Follows `features` from `before` into `now`; `guess` says where a point will about be. Those that are found move on,
-    /// the others go; `now.context.tracks` gets one track each, in the same order. Pictures of different size have no tracks.
-    pub fn follow(&self, before: &Frame, now: &mut Frame, features: &mut Vec<Feature>, guess: impl Fn([f64; 2]) -> [f64; 2]) {
+    /// Follows `features` from `before` into `now`. Those that are found move on, the others go; `now.context.tracks` gets one
+    /// track each, in the same order. Pictures of different size have no tracks.
+    ///
+    /// Points that are not found from where they were are looked for once more where the found ones moved: a jerk leaves many of
+    /// them outside the reach of the coarsest level.
+    pub fn follow(&mut self, before: &Frame, now: &mut Frame, features: &mut Vec<Feature>) {
         let Frame { picture, pyramid, context, .. } = now;
         context.tracks.clear();
         let same = before.picture.width() == picture.width() && before.picture.height() == picture.height();
@@ -109,19 +118,29 @@ impl Tracker {
         };
         let (old, new) = (Pyramids::of(before), Pyramids { luma: picture.luma(), levels: &pyramid.levels });
         let size = [picture.width() as f32, picture.height() as f32];
-        features.retain_mut(|feature| {
-            let [x, y] = feature.at;
-            let [gx, gy] = guess([f64::from(x), f64::from(y)]);
-            let Some(found) = follow(self.level, &old, &new, feature.at, [gx as f32 - x, gy as f32 - y]) else {
-                return false;
-            };
-            let Found { shift, centroid, round_trip, sigma } = found;
-            let to = [x + shift[0], y + shift[1]];
-            let inside = (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0);
-            if !inside || round_trip > self.params.max_round_trip_px as f32 {
-                return false;
+        let furthest = self.params.max_round_trip_px as f32;
+        let look = |at: [f32; 2], guess: [f32; 2]| {
+            follow(self.level, &old, &new, at, guess).filter(|found| {
+                let to = [at[0] + found.shift[0], at[1] + found.shift[1]];
+                found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
+            })
+        };
+        self.found.clear();
+        self.found.extend(features.iter().map(|feature| look(feature.at, [0.0; 2])));
+        let lost = self.found.iter().filter(|found| found.is_none()).count();
+        if let Some(guess) = median_shift(&self.found, &mut self.shifts)
+            && guess[0].hypot(guess[1]) > LEAST_GUESS
+            && lost * 8 > features.len()
+        {
+            for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
+                *found = look(feature.at, guess);
             }
-            feature.at = to;
+        }
+        let mut found = self.found.iter();
+        features.retain_mut(|feature| {
+            let Some(Found { shift, centroid, sigma, .. }) = found.next().and_then(Option::as_ref) else { return false };
+            let [x, y] = feature.at;
+            feature.at = [x + shift[0], y + shift[1]];
             feature.age += 1;
             let from = [f64::from(x + centroid[0]), f64::from(y + centroid[1])];
             context.tracks.push(Track {
@@ -129,13 +148,27 @@ impl Tracker {
                 to: [from[0] + f64::from(shift[0]), from[1] + f64::from(shift[1])],
                 id: feature.id,
                 age: feature.age,
-                sigma_px: sigma,
+                sigma_px: *sigma,
                 background: feature.background,
                 weight: 1.0,
             });
             true
         });
     }
+}
+
+/// A median motion shorter than this is no better guess than none (pixels).
+const LEAST_GUESS: f32 = 4.0;
+
+/// Median shift of what was found, in each direction; `None` where too little was.
+fn median_shift(found: &[Option<Found>], scratch: &mut Vec<f32>) -> Option<[f32; 2]> {
+    let mut median = |axis: usize| {
+        scratch.clear();
+        scratch.extend(found.iter().flatten().map(|found| found.shift[axis]));
+        let middle = scratch.len() / 2;
+        (scratch.len() >= 8).then(|| *scratch.select_nth_unstable_by(middle, f32::total_cmp).1)
+    };
+    Some([median(0)?, median(1)?])
 }
 
 /// A picture's luma and its lower levels.

@@ -16,9 +16,9 @@ use continuous::Continuous;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Model {
     /// "CMOS digital image stabilization" (Cho, Kim, Hong 2007): zoom and translation, constant within a frame interval.
-    #[default]
     Cho2007,
     /// The camera's path in continuous time: each row has its own pose; no latency.
+    #[default]
     Continuous,
 }
 

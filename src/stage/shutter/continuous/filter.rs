@@ -231,6 +231,12 @@ impl Filter {
         }
     }
 
+    /// Whether the control points of a moment are held.
+    #[inline]
+    fn holds(&self, place: &Place) -> bool {
+        place.first >= self.first && place.first + 4 <= self.first + self.points as i64
+    }
+
     /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
     pub fn start_trial(&mut self) {
         self.full.copy_from(&self.base, 4 * self.points);
@@ -240,6 +246,9 @@ impl Filter {
     /// Adds a measurement with its information (1 / variance, 1 / pixels^2) on trial.
     #[inline]
     pub fn add(&mut self, measured: &Difference, information: f64) {
+        if !self.holds(&measured.sooner) || !self.holds(&measured.later) {
+            return;
+        }
         let Difference { sooner, later, derivative: [dx, dy], value, by_global } = measured;
         // information of the difference itself
         let mut inner = [[0.0; 4]; 4];
@@ -310,6 +319,9 @@ impl Filter {
     #[inline]
     pub fn difference(&self, sooner: &Place, later: &Place) -> (Pose, [Pose; 2]) {
         let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
+        if !self.holds(sooner) || !self.holds(later) {
+            return (difference, speeds);
+        }
         for ((place, sign), speed) in [(sooner, -1.0), (later, 1.0)].into_iter().zip(&mut speeds) {
             let at = 4 * (place.first - self.first) as usize;
             for ((point, weight), rate) in self.solution.path[at..at + 16].chunks_exact(4).zip(place.weights).zip(place.rates) {

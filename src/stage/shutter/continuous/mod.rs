@@ -117,6 +117,7 @@ impl Continuous {
 
     /// Seconds from a frame's time to the exposure of row `y`; never negative.
     fn delay(&self, y: f64) -> f64 {
+        let y = y.clamp(0.0, self.size[1] as f64);
         self.calibration.readout_s * y / self.size[1] as f64 + (-self.calibration.readout_s).max(0.0)
     }
 
