@@ -18,12 +18,14 @@ pub struct Warper {
     columns: usize,
     /// Input pixels (x, y) of the nodes, row by row.
     nodes: Vec<[f32; 2]>,
+    /// Lines through the input, for the row that is drawn.
+    spans: Vec<warp::Span>,
 }
 
 impl Warper {
     /// A warper for pictures whose 4:2:0 chroma is sited as given.
     pub fn new(level: Level, siting: Siting) -> Self {
-        Self { level, siting, columns: 0, nodes: Vec::new() }
+        Self { level, siting, columns: 0, nodes: Vec::new(), spans: Vec::new() }
     }
 
     /// Draws `input` into `output`, each output pixel from where `map` says. Points outside the input take its nearest edge. Both
@@ -59,7 +61,8 @@ impl Warper {
     }
 
     /// Draws a plane whose sample (x, y) lies at luma pixel (x, y) * `scale` + `offset`.
-    fn draw_plane(&self, from: PlaneRef<'_>, to: &mut PlaneMut<'_>, scale: [f32; 2], offset: [f32; 2]) {
+    fn draw_plane(&mut self, from: PlaneRef<'_>, to: &mut PlaneMut<'_>, scale: [f32; 2], offset: [f32; 2]) {
+        let mut spans = std::mem::take(&mut self.spans);
         let width = to.width();
         let cell = [CELL[0] as f32, CELL[1] as f32];
         let last_row = self.nodes.len() / self.columns - 2;
@@ -68,7 +71,7 @@ impl Warper {
             let row = ((luma_y / cell[1]) as usize).min(last_row);
             let part = luma_y / cell[1] - row as f32;
             let (above, below) = self.nodes[row * self.columns..(row + 2) * self.columns].split_at(self.columns);
-            let out = to.row_mut(y);
+            spans.clear();
             let (mut x, mut left) = (0, between(above[0], below[0], part));
             for (i, (&above, &below)) in above.iter().zip(below).enumerate().skip(1) {
                 let right = between(above, below, part);
@@ -84,12 +87,14 @@ impl Warper {
                         start: [fixed((start[0] - offset[0]) / scale[0]), fixed((start[1] - offset[1]) / scale[1])],
                         step: [fixed(step[0] * scale[0] / scale[0]), fixed(step[1] * scale[0] / scale[1])],
                     };
-                    warp::span(self.level, from, line, &mut out[x..end]);
+                    spans.push(warp::Span { line, end });
                     x = end;
                 }
                 left = right;
             }
+            warp::row(self.level, from, &spans, to.row_mut(y));
         }
+        self.spans = spans;
     }
 }
 
