@@ -3,6 +3,7 @@
 use super::{Homography, Pinhole, Pose, Zoom};
 
 /// Motion of a frame's rows against the frame's reference time.
+#[expect(clippy::large_enum_variant, reason = "one to a frame, kept in the frame: boxing it would allocate on the frame path")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RowMotion {
     /// The paper's: one zoom and translation for the whole frame interval, at constant speed.
@@ -63,6 +64,7 @@ impl RowPoses {
 }
 
 /// Takes output pixels to input pixels.
+#[expect(clippy::large_enum_variant, reason = "one to a frame, kept in the frame: boxing it would allocate on the frame path")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputMap {
     /// One homography for the whole frame.

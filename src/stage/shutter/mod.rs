@@ -98,6 +98,7 @@ pub struct Motion {
 }
 
 /// A rolling-shutter model at work.
+#[expect(clippy::large_enum_variant, reason = "there is one in a pipeline")]
 #[derive(Debug)]
 pub enum Shutter {
     /// The paper's.

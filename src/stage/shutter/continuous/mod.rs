@@ -47,6 +47,8 @@ const LEAST_SCALE_PX: f64 = 0.5;
 const LEAST_SIGMA_PX: f64 = 0.05;
 /// Say of a track that never agreed with the camera, against 1 of one that always did.
 const LEAST_SAY: f64 = 0.05;
+/// Standard deviations of the motion between two frames up to which it is believed, and from which not at all (pixels).
+const DOUBTFUL_PX: [f64; 2] = [0.5, 2.0];
 /// Tracks below which nothing is estimated.
 const LEAST_TRACKS: usize = 10;
 /// Tracks looked at, at most.
@@ -309,7 +311,10 @@ impl Continuous {
         self.scale_px += 0.1 * ((3.0 * noise).clamp(LEAST_SCALE_PX, 2.0) - self.scale_px);
         let share = agreed / say.max(1e-9);
         let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
-        ramp(sum, 6.0, 30.0) * ramp(share, 0.15, 0.4)
+        // what the covariance says of the motion to this frame's middle row; a few dark or blurred points leave it wide
+        let deviation = self.filter.deviation(before_s + self.middle(), self.now_s + self.middle());
+        let deviation_px = self.camera.focal * deviation[0].hypot(deviation[1]);
+        ramp(sum, 6.0, 30.0) * ramp(share, 0.15, 0.4) * ramp(deviation_px, DOUBTFUL_PX[1], DOUBTFUL_PX[0])
     }
 }
 
