@@ -140,7 +140,8 @@ impl Tracker {
         features.retain_mut(|feature| {
             let Some(Found { shift, centroid, sigma, .. }) = found.next().and_then(Option::as_ref) else { return false };
             let [x, y] = feature.at;
-            feature.at = [x + shift[0], y + shift[1]];
+            let to = [x + shift[0], y + shift[1]];
+            feature.at = to;
             feature.age += 1;
             // at the picture's edge a patch may hold more repeated samples than others: their place is no place
             let place = |i: usize, at: f32| {
