@@ -11,7 +11,7 @@
 //! system's mathematics library, and another one may round another way.
 
 use gimbald::device::digest::DigestSink;
-use gimbald::device::{FrameSource, replay};
+use gimbald::device::replay;
 use gimbald::kernel::{LEVEL_VARIABLE, Level};
 use gimbald::pipeline::{Params, run_inline};
 use gimbald::rt::stop::Stop;

@@ -139,9 +139,8 @@ fn the_same_seed_gives_the_same_bytes() {
 /// Each kind of tracks from which no homography follows.
 fn hopeless() -> Vec<(&'static str, Vec<Track>)> {
     let at = |p: [f64; 2]| track(p, [p[0] + 3.0, p[1] - 2.0]);
-    let line = |from: [f64; 2], step: [f64; 2]| {
-        (0..80).map(|i| f64::from(i)).map(move |i| [from[0] + i * step[0], from[1] + i * step[1]])
-    };
+    let line =
+        |from: [f64; 2], step: [f64; 2]| (0..80).map(f64::from).map(move |i| [from[0] + i * step[0], from[1] + i * step[1]]);
     let mut random = Random(17);
     let mut noisy = |points: &mut dyn Iterator<Item = [f64; 2]>| -> Vec<Track> {
         points

@@ -40,7 +40,7 @@ fn run(motion: Motion, fps: f64, hfov_deg: f64, readout: f64, models: &[shutter:
     let mut camera = Synthetic::new(&settings).unwrap();
     let shots = filmed(&mut camera);
     let see = |shutter: &shutter::Params| {
-        let camera = Camera { readout_ms: Known::Exactly(readout_ms), hfov_deg: Known::Exactly(hfov_deg), ..Camera::default() };
+        let camera = Camera { readout_ms: Known::Exactly(readout_ms), hfov_deg: Known::Exactly(hfov_deg) };
         let params = Params { camera, shutter: *shutter, ..Params::default() };
         let (mut source, mut memory) = (Script::new(shots.clone()), Memory::default());
         let mut sink = NullSink::new(&source.format);
