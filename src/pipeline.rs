@@ -122,6 +122,8 @@ enum Progress {
 
 /// Frames that are under way at a time, at most: what a pool needs.
 pub const FRAMES: usize = 8;
+/// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
+const LONGEST_STEP_S: f64 = 0.1;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough.
 const MOST_WAITING: usize = 3;
 
@@ -238,7 +240,10 @@ impl Stabilizer {
     /// Chooses the virtual camera's place for a frame, and with it where each output pixel comes from.
     fn place(&mut self, index: usize, motion: Motion) {
         let frame = &mut *self.slots[index].frame;
+        // in a gap nothing was shown: the virtual camera has not moved meanwhile, and must not catch up in one frame
+        let longest_s = LONGEST_STEP_S.max(self.nominal_s);
         let interval_s = self.placed_ns.map_or(0.0, |before| seconds_between(before, frame.stamp.time_ns, self.nominal_s));
+        let interval_s = interval_s.min(longest_s);
         self.placed_ns = Some(frame.stamp.time_ns);
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;

@@ -28,6 +28,8 @@ impl Default for Params {
 
 /// Frames for which a cell that had nothing to follow is not searched again.
 const REST: u8 = 6;
+/// With fewer points than this part of what is wanted no cell rests: the picture was black for a moment, or there was a cut.
+const FEW: usize = 8;
 
 /// How surely a point is background of which nothing is known.
 const UNKNOWN: f32 = 0.6;
@@ -116,6 +118,9 @@ impl Detector {
             }
             first
         });
+        if features.len() * FEW < self.params.points as usize {
+            grid.rest.fill(0);
+        }
         let (plane, scale) = match frame.pyramid.levels.first() {
             Some(half) => (half.as_ref(), 2),
             None => (luma, 1),

@@ -140,9 +140,15 @@ impl Tracker {
         features.retain_mut(|feature| {
             let Some(Found { shift, centroid, sigma, .. }) = found.next().and_then(Option::as_ref) else { return false };
             let [x, y] = feature.at;
-            feature.at = [x + shift[0], y + shift[1]];
+            let to = [x + shift[0], y + shift[1]];
+            feature.at = to;
             feature.age += 1;
-            let from = [f64::from(x + centroid[0]), f64::from(y + centroid[1])];
+            // at the picture's edge a patch may hold more repeated samples than others: their place is no place
+            let place = |i: usize, at: f32| {
+                let room = (at.min(to[i]), size[i] - 1.0 - at.max(to[i]));
+                f64::from(at + centroid[i].clamp(-room.0.max(0.0), room.1.max(0.0)))
+            };
+            let from = [place(0, x), place(1, y)];
             context.tracks.push(Track {
                 from,
                 to: [from[0] + f64::from(shift[0]), from[1] + f64::from(shift[1])],

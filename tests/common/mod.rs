@@ -80,7 +80,11 @@ impl Shot {
 
 /// Every frame of a synthetic camera.
 pub fn film(params: &synthetic::Params) -> Vec<Shot> {
-    let mut camera = Synthetic::new(params).unwrap();
+    filmed(&mut Synthetic::new(params).unwrap())
+}
+
+/// The frames that a synthetic camera still has to give.
+pub fn filmed(camera: &mut Synthetic) -> Vec<Shot> {
     let mut shots = Vec::new();
     while let Lent::Frame(RawFrame { format, bytes, stamp }) = camera.lend().unwrap() {
         shots.push(Shot { format, bytes: bytes.to_vec(), stamp });
