@@ -5,7 +5,7 @@
 //! measurements and priors add to it, and points that nothing will refer to any more are eliminated by Schur complement. Given
 //! the measurements' weights this is the exact linear estimate, the same as a Kalman filter's. Nothing is allocated after `new`.
 
-use super::normal::{G, N, Normal, Solution};
+use super::normal::{G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
 
 /// Control points held at a time, at most.
@@ -66,8 +66,6 @@ pub struct Filter {
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
 const HUBER: f64 = 2.0;
-/// Information on what is known for certain.
-const CERTAIN: f64 = 1e18;
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -309,8 +307,7 @@ impl Filter {
         }
     }
 
-    /// Solves for the path and the globals with what is on trial. False where the equations have no solution; both are then what
-    /// they were.
+    /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
     pub fn solve(&mut self) -> bool {
         self.solution.solve(&self.full, 4 * self.points)
     }
@@ -340,9 +337,8 @@ impl Filter {
         let (difference, _) = self.difference(&measured.sooner, &measured.later);
         let mut square = 0.0;
         for (i, row) in measured.derivative.iter().enumerate() {
-            let by_global: f64 = (0..G).map(|g| measured.by_global[g][i] * self.solution.globals[g]).sum();
             let said = row[0] * difference[0] + row[1] * difference[1] + row[2] * difference[2] + row[3] * difference[3];
-            square += (measured.value[i] - said - by_global).powi(2);
+            square += (measured.value[i] - said).powi(2);
         }
         square
     }
@@ -363,28 +359,21 @@ impl Filter {
         })
     }
 
-    /// The globals that [`Filter::solve`] found, from their origin, and their variances.
-    pub fn globals(&self) -> ([f64; G], [f64; G]) {
-        (self.solution.globals, self.solution.variances)
+    /// What [`Filter::solve`] found said of the globals, the path eliminated.
+    pub fn marginal(&self) -> Marginal {
+        self.solution.marginal
     }
 
-    /// Says of the globals, before anything is measured, that they are at their origin, as surely as `variances` say; 0 is for
-    /// certain.
-    pub fn expect_globals(&mut self, variances: [f64; G]) {
+    /// Moves the globals' origin by `shift`. To follow [`Filter::accept`].
+    pub fn move_globals(&mut self, shift: [f64; G]) {
+        self.base.shift_globals(shift, 4 * self.points);
+    }
+
+    /// Forgets whatever was said of the globals.
+    pub fn forget_globals(&mut self) {
         self.base.corner = [[0.0; G]; G];
         self.base.corner_right = [0.0; G];
         self.base.cross = [[0.0; N]; G];
-        for (g, variance) in variances.into_iter().enumerate() {
-            self.base.corner[g][g] = if variance == 0.0 { CERTAIN } else { 1.0 / variance };
-        }
-    }
-
-    /// Moves the globals' origin to where they were found, and lets them wander by `variances`. To follow [`Filter::accept`].
-    pub fn follow_globals(&mut self, variances: [f64; G]) {
-        let n = 4 * self.points;
-        self.base.shift_globals(self.solution.globals, n);
-        self.solution.globals = [0.0; G];
-        self.base.loosen_globals(variances, n);
     }
 
     /// Accepts what is on trial, and eliminates the control points that no moment from `time_s` on refers to.

@@ -15,12 +15,14 @@
 //! A frame's reference time is that of its middle row.
 
 mod filter;
+mod globals;
 mod hypothesis;
 mod normal;
 
 use super::{Known, Motion, Pair};
 use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
 use filter::{Difference, Filter, MOST_POINTS, Prior};
+use globals::Globals;
 use hypothesis::Sight;
 
 /// Control points to a frame interval.
@@ -32,10 +34,10 @@ const USUAL_READOUT: f64 = 0.75;
 const READOUT_SPREAD: f64 = 0.25;
 /// Horizontal field of view that is expected likewise, and its standard deviation (degrees).
 const USUAL_HFOV_DEG: f64 = 60.0;
-const HFOV_SPREAD_DEG: f64 = 15.0;
-/// How far both may wander from a frame to the next (frame intervals; logarithm of the focal length).
-const READOUT_WANDER: f64 = 5e-4;
-const FOCAL_WANDER: f64 = 5e-4;
+const HFOV_SPREAD_DEG: f64 = 12.0;
+/// Longest readout time that is believed (frame intervals), and fields of view (degrees).
+const LONGEST_READOUT: f64 = 1.0;
+const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Before anything is measured.
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
@@ -72,8 +74,9 @@ pub struct Continuous {
     weights: Vec<f64>,
     scale_px: f64,
     random: u64,
-    /// Variances by which readout time and log focal length may wander from frame to frame; 0 where they are known.
-    wander: [f64; 2],
+    /// Whether readout time and focal length are to be found out.
+    unknown: [bool; 2],
+    globals: Globals,
     newest: Motion,
 }
 
@@ -95,7 +98,8 @@ impl Continuous {
             weights: Vec::with_capacity(MOST_TRACKS),
             scale_px: LEAST_SCALE_PX,
             random: seed,
-            wander: [0.0; 2],
+            unknown: [false; 2],
+            globals: Globals::default(),
             newest: Motion { rows: RowMotion::default(), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0 },
         }
     }
@@ -168,11 +172,9 @@ impl Continuous {
         let log_focal = hfov_deviation / self.degrees_per_log_focal();
         self.calibration =
             Calibration { readout_s, readout_deviation_s: readout_deviation, hfov_deg, hfov_deviation_deg: hfov_deviation };
-        self.filter.expect_globals([readout_deviation * readout_deviation, log_focal * log_focal]);
-        self.wander = [
-            if readout_deviation > 0.0 { (READOUT_WANDER * interval_s).powi(2) } else { 0.0 },
-            if hfov_deviation > 0.0 { FOCAL_WANDER.powi(2) } else { 0.0 },
-        ];
+        self.filter.forget_globals();
+        self.globals = Globals::new([readout_deviation, log_focal]);
+        self.unknown = [readout_deviation > 0.0, hfov_deviation > 0.0];
     }
 
     /// How many degrees the field of view narrows as the logarithm of the focal length grows by one.
@@ -183,22 +185,36 @@ impl Continuous {
 
     /// Takes over what the last pair said of the camera, and starts from there.
     fn follow_camera(&mut self) {
-        if self.wander == [0.0; 2] {
+        if self.unknown == [false; 2] {
             return;
         }
-        let ([readout, log_focal], [readout_variance, focal_variance]) = self.filter.globals();
-        let limit = 1.1 * self.interval_s;
-        self.calibration.readout_s = (self.calibration.readout_s + readout).clamp(-limit, limit);
+        let marginal = self.filter.marginal();
+        let [readout, log_focal] = self.globals.take(&marginal);
+        let Calibration { readout_s, .. } = self.calibration;
         let width = self.size[0] as f64;
-        self.camera.focal = (self.camera.focal * log_focal.clamp(-0.1, 0.1).exp()).clamp(0.3 * width, 6.0 * width);
+        let focal = |hfov_deg: f64| 0.5 * width / (0.5 * hfov_deg.to_radians()).tan();
+        // never outside of what cameras are, and never far at once
+        let most = LONGEST_READOUT * self.interval_s;
+        let readout = readout.clamp(-0.05 * most, 0.05 * most);
+        let to_readout_s = (readout_s + readout).clamp(-most, most);
+        let to_focal = (self.camera.focal * log_focal.clamp(-0.05, 0.05).exp())
+            .clamp(focal(HFOV_LIMITS_DEG[1]), focal(HFOV_LIMITS_DEG[0]));
+        let shift = [
+            if self.unknown[0] { to_readout_s - readout_s } else { 0.0 },
+            if self.unknown[1] { (to_focal / self.camera.focal).ln() } else { 0.0 },
+        ];
+        self.calibration.readout_s += shift[0];
+        self.camera.focal *= shift[1].exp();
         self.calibration.hfov_deg = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
-        if self.wander[0] > 0.0 {
-            self.calibration.readout_deviation_s = readout_variance.max(0.0).sqrt();
+        self.filter.move_globals(shift);
+        self.globals.moved(shift, &marginal);
+        let deviations = self.globals.deviations();
+        if self.unknown[0] {
+            self.calibration.readout_deviation_s = deviations[0];
         }
-        if self.wander[1] > 0.0 {
-            self.calibration.hfov_deviation_deg = focal_variance.max(0.0).sqrt() * self.degrees_per_log_focal();
+        if self.unknown[1] {
+            self.calibration.hfov_deviation_deg = deviations[1] * self.degrees_per_log_focal();
         }
-        self.filter.follow_globals(self.wander);
     }
 
     /// What is believed of the camera.
@@ -215,10 +231,10 @@ impl Continuous {
         let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
         let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
         let [dx, dy] = &measured.derivative;
-        let readout = if self.wander[0] > 0.0 { [dot(dx, &moved), dot(dy, &moved)] } else { [0.0; 2] };
+        let readout = if self.unknown[0] { [dot(dx, &moved), dot(dy, &moved)] } else { [0.0; 2] };
         let f = self.camera.focal;
         // f dB / df: the terms with 1 / f change their sign, roll and zoom do not depend on f
-        let focal = if self.wander[1] > 0.0 {
+        let focal = if self.unknown[1] {
             [
                 (-2.0 * f - dx[0]) * difference[0] - dx[1] * difference[1],
                 -dy[0] * difference[0] + (2.0 * f - dy[1]) * difference[1],
@@ -271,7 +287,7 @@ impl Continuous {
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         // a picture that hardly moves says nothing of the camera, but its noise would
         let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
-        let share = if self.wander == [0.0; 2] { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
+        let share = if self.unknown == [false; 2] { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
         for round in 0..ROUNDS {
             if share > 0.0 && round > 0 {
                 for i in 0..self.differences.len() {

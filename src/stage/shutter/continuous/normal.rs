@@ -32,12 +32,28 @@ pub struct Normal {
 pub struct Solution {
     /// Cholesky factor of A, lower, rows N apart.
     factor: Box<[f64]>,
-    /// x.
+    /// x, with the globals at their origin.
     pub path: Box<[f64; N]>,
-    /// g.
-    pub globals: [f64; G],
-    /// Variances of g.
-    pub variances: [f64; G],
+    /// What the equations say of the globals once the path is eliminated.
+    pub marginal: Marginal,
+}
+
+/// Normal equations of the globals alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Marginal {
+    /// Information matrix.
+    pub matrix: [[f64; G]; G],
+    /// Right-hand side.
+    pub right: [f64; G],
+}
+
+impl Marginal {
+    /// Moves the origin of the globals by `shift`.
+    pub fn move_origin(&mut self, shift: [f64; G]) {
+        for (right, row) in self.right.iter_mut().zip(&self.matrix) {
+            *right -= row.iter().zip(shift).map(|(entry, shift)| entry * shift).sum::<f64>();
+        }
+    }
 }
 
 impl Normal {
@@ -121,48 +137,15 @@ impl Normal {
             }
         }
     }
-
-    /// Lets the globals wander: each gains `variances` of uncertainty (the information matrix after adding process noise, by
-    /// Woodbury's identity). A variance of 0 lets it stay.
-    pub fn loosen_globals(&mut self, variances: [f64; G], n: usize) {
-        for (g, variance) in variances.into_iter().enumerate() {
-            if variance == 0.0 {
-                continue;
-            }
-            let scale = 1.0 / (1.0 / variance + self.corner[g][g]);
-            let (column, corner, right) = (self.cross[g], self.corner[g], self.corner_right[g]);
-            for i in 0..n {
-                let share = scale * column[i];
-                if share == 0.0 {
-                    continue;
-                }
-                for j in 0..=i {
-                    self.matrix[i * N + j] -= share * column[j];
-                }
-                self.right[i] -= share * right;
-            }
-            for h in 0..G {
-                let share = scale * corner[h];
-                for i in 0..n {
-                    self.cross[h][i] -= share * column[i];
-                }
-                self.corner_right[h] -= share * right;
-                for (value, corner) in self.corner[h].iter_mut().zip(corner) {
-                    *value -= share * corner;
-                }
-            }
-        }
-    }
 }
 
 impl Solution {
     /// All zero.
     pub fn new() -> Self {
-        Self { factor: vec![0.0; N * N].into_boxed_slice(), path: Box::new([0.0; N]), globals: [0.0; G], variances: [0.0; G] }
+        Self { factor: vec![0.0; N * N].into_boxed_slice(), path: Box::new([0.0; N]), marginal: Marginal::default() }
     }
 
-    /// Solves the first `n` unknowns and the globals. False where the equations have no solution; the solution is then what it
-    /// was.
+    /// Solves the first `n` unknowns. False where the equations have no solution; the solution is then what it was.
     pub fn solve(&mut self, normal: &Normal, n: usize) -> bool {
         if !cholesky(&normal.matrix, &mut self.factor, n) {
             return false;
@@ -171,34 +154,23 @@ impl Solution {
         self.forward(&mut x[..n]);
         // border: w = L^-1 C', K - w'w is what the globals have to themselves
         let mut w = normal.cross;
-        let (mut k, mut s) = (normal.corner, normal.corner_right);
+        let mut marginal = Marginal { matrix: normal.corner, right: normal.corner_right };
         for g in 0..G {
             self.forward(&mut w[g][..n]);
-            s[g] -= dot(&w[g][..n], &x[..n]);
+            marginal.right[g] -= dot(&w[g][..n], &x[..n]);
         }
         for g in 0..G {
             for h in 0..G {
-                k[g][h] -= dot(&w[g][..n], &w[h][..n]);
-            }
-        }
-        let determinant = k[0][0] * k[1][1] - k[0][1] * k[1][0];
-        if !(determinant > 0.0 && k[0][0] > 0.0) {
-            return false;
-        }
-        let globals = [(k[1][1] * s[0] - k[0][1] * s[1]) / determinant, (k[0][0] * s[1] - k[1][0] * s[0]) / determinant];
-        for (g, value) in globals.into_iter().enumerate() {
-            for (x, w) in x[..n].iter_mut().zip(&w[g]) {
-                *x -= w * value;
+                marginal.matrix[g][h] -= dot(&w[g][..n], &w[h][..n]);
             }
         }
         self.backward(&mut x[..n]);
-        if x[..n].iter().chain(&globals).any(|value| !value.is_finite()) {
-            return false;
+        let finite = marginal.right.iter().chain(marginal.matrix.as_flattened()).chain(&x[..n]).all(|value| value.is_finite());
+        if finite {
+            self.path[..n].copy_from_slice(&x[..n]);
+            self.marginal = marginal;
         }
-        self.path[..n].copy_from_slice(&x[..n]);
-        self.globals = globals;
-        self.variances = [k[1][1] / determinant, k[0][0] / determinant];
-        true
+        finite
     }
 
     /// The variance of a linear function of the path, were the globals known.
@@ -303,26 +275,26 @@ mod tests {
         for i in cut..n {
             assert!((whole.path[i] - rest.path[i - cut]).abs() < 1e-9);
         }
+        for (a, b) in whole.marginal.matrix.as_flattened().iter().zip(rest.marginal.matrix.as_flattened()) {
+            assert!((a - b).abs() < 1e-9 * a.abs().max(1.0));
+        }
         for g in 0..G {
-            assert!((whole.globals[g] - rest.globals[g]).abs() < 1e-9);
-            assert!((whole.variances[g] / rest.variances[g] - 1.0).abs() < 1e-9);
+            assert!((whole.marginal.right[g] - rest.marginal.right[g]).abs() < 1e-9);
         }
     }
 
     #[test]
-    fn loosening_adds_variance_and_shifting_moves_the_origin() {
+    fn moving_the_origin_of_the_globals_moves_what_is_said_of_them() {
         let n = 12;
         let mut normal = system(n, 5);
         let (mut before, mut after) = (Solution::new(), Solution::new());
         assert!(before.solve(&normal, n));
-        normal.loosen_globals([0.5, 0.0], n);
+        let shift = [0.7, -0.3];
+        normal.shift_globals(shift, n);
         assert!(after.solve(&normal, n));
-        assert!((after.variances[0] - before.variances[0] - 0.5).abs() < 1e-9);
-        assert!((after.variances[1] - before.variances[1]).abs() < 1e-9);
-        assert!((after.path[3] - before.path[3]).abs() < 1e-9);
-        normal.shift_globals(after.globals, n);
-        assert!(before.solve(&normal, n));
-        assert!(before.globals.iter().all(|value| value.abs() < 1e-9));
-        assert!((after.path[3] - before.path[3]).abs() < 1e-9);
+        before.marginal.move_origin(shift);
+        for g in 0..G {
+            assert!((after.marginal.right[g] - before.marginal.right[g]).abs() < 1e-9);
+        }
     }
 }

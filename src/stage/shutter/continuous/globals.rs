@@ -1,0 +1,85 @@
+//! What the tracks say of the camera's constants, believed slowly.
+//!
+//! Each pair of frames adds a little to the marginal information on readout time and focal length (what is left of the normal
+//! equations once the path is eliminated). Taken at its word it is far too sure of itself: a thousand tracks of one frame
+//! share the lens's distortion, parallax and the timestamps' jitter, which the model does not have. So only the part
+//! 1 / [`CAUTION`] of it counts, against what was expected of the camera before, and old evidence fades.
+
+use super::normal::{G, Marginal};
+
+/// How many times too sure the tracks' statistics are. On rendered clips, where nothing but noise is wrong, the estimate is off by
+/// some five of its own standard deviations; on hand-held phones it is by some thirty.
+const CAUTION: f64 = 1000.0;
+/// Part of the evidence that outlives a pair of frames.
+const MEMORY: f64 = 0.9995;
+/// Information on what is known for certain.
+const CERTAIN: f64 = 1e18;
+
+/// The evidence so far; the globals' origin is where they are believed to be.
+#[derive(Debug, Default)]
+pub struct Globals {
+    /// Information that was there before anything was measured.
+    expected: [f64; G],
+    /// How far the origin has come from what was expected.
+    offset: [f64; G],
+    evidence: Marginal,
+    /// The filter's marginal after the last pair.
+    last: Marginal,
+}
+
+impl Globals {
+    /// Expects the globals at their origin, give or take `deviations`; 0 is for certain.
+    pub fn new(deviations: [f64; G]) -> Self {
+        let expected = deviations.map(|deviation| if deviation == 0.0 { CERTAIN } else { 1.0 / (deviation * deviation) });
+        Self { expected, ..Self::default() }
+    }
+
+    /// Takes in the filter's marginal after a pair and says how far the origin is to be moved. The filter must then do so.
+    pub fn take(&mut self, marginal: &Marginal) -> [f64; G] {
+        for g in 0..G {
+            for h in 0..G {
+                let news = (marginal.matrix[g][h] - self.last.matrix[g][h]) / CAUTION;
+                self.evidence.matrix[g][h] = MEMORY * self.evidence.matrix[g][h] + news;
+            }
+            let news = (marginal.right[g] - self.last.right[g]) / CAUTION;
+            self.evidence.right[g] = MEMORY * self.evidence.right[g] + news;
+        }
+        let (matrix, determinant) = self.information();
+        let right: [f64; G] = std::array::from_fn(|g| self.evidence.right[g] - self.expected[g] * self.offset[g]);
+        let mut shift = [0.0; G];
+        if determinant > 0.0 && matrix[0][0] > 0.0 {
+            shift = [
+                (matrix[1][1] * right[0] - matrix[0][1] * right[1]) / determinant,
+                (matrix[0][0] * right[1] - matrix[1][0] * right[0]) / determinant,
+            ];
+        }
+        shift
+    }
+
+    /// The origin was moved by `shift`, after the filter said `marginal`.
+    pub fn moved(&mut self, shift: [f64; G], marginal: &Marginal) {
+        self.last = *marginal;
+        self.last.move_origin(shift);
+        self.evidence.move_origin(shift);
+        for (offset, shift) in self.offset.iter_mut().zip(shift) {
+            *offset += shift;
+        }
+    }
+
+    /// Standard deviations of the globals.
+    pub fn deviations(&self) -> [f64; G] {
+        let (matrix, determinant) = self.information();
+        if determinant <= 0.0 {
+            return self.expected.map(|information| (1.0 / information).sqrt());
+        }
+        [matrix[1][1], matrix[0][0]].map(|other| (other / determinant).max(0.0).sqrt())
+    }
+
+    fn information(&self) -> ([[f64; G]; G], f64) {
+        let mut matrix = self.evidence.matrix;
+        for g in 0..G {
+            matrix[g][g] = matrix[g][g].max(0.0) + self.expected[g];
+        }
+        (matrix, matrix[0][0] * matrix[1][1] - matrix[0][1] * matrix[1][0])
+    }
+}
