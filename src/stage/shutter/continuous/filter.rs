@@ -104,9 +104,25 @@ impl Filter {
             for (c, value) in pose.iter().enumerate() {
                 let at = i * 4 + c;
                 // the second is pinned to the first by the speed that the prior allows
-                let pin = if i == 0 { PIN } else { self.prior.speed[c] * spacing_s };
+                let pin = self.prior.speed[c] * spacing_s * if i == 0 { 10.0 } else { 1.0 };
                 self.base.matrix[at * N + at] += 1.0 / (pin * pin);
                 self.base.right[at] += value / (pin * pin);
+            }
+        }
+    }
+
+    /// Holds the path to `pose` at `time_s`, for certain.
+    pub fn pin(&mut self, time_s: f64, pose: Pose) {
+        let Place { first, weights, .. } = self.place(time_s);
+        let information = 1.0 / (PIN * PIN);
+        for (i, wi) in weights.into_iter().enumerate() {
+            for (c, value) in pose.iter().enumerate() {
+                let row = 4 * (first - self.first + i as i64) as usize + c;
+                for (j, wj) in weights[..=i].iter().enumerate() {
+                    let column = 4 * (first - self.first + j as i64) as usize + c;
+                    self.base.matrix[row * N + column] += wi * wj * information;
+                }
+                self.base.right[row] += wi * value * information;
             }
         }
     }

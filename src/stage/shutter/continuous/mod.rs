@@ -154,8 +154,14 @@ impl Continuous {
             let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
             self.filter.extend_to(last_s);
+            self.filter.pin(before_s + self.middle(), self.newest.path);
         }
         let confidence = self.estimate(pair.tracks, before_s);
+        if confidence == 0.0 {
+            // what is not believed must not move the path
+            self.filter.start_trial();
+            self.filter.solve();
+        }
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
         let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
