@@ -26,6 +26,8 @@ pub enum Exit {
     CannotCreate = 73,
     /// Reading or writing failed midway, as on a full disk.
     Io = 74,
+    /// What was asked could not be found out from this input.
+    Inconclusive = 75,
     /// The configuration has faults.
     Config = 78,
     /// Ended by Ctrl-C before the end; what was written until then is whole.
@@ -34,7 +36,7 @@ pub enum Exit {
 
 impl Exit {
     /// Every code with its meaning, in order.
-    pub const ALL: [(Self, &'static str); 9] = [
+    pub const ALL: [(Self, &'static str); 10] = [
         (Self::Ok, "all went well"),
         (Self::Usage, "the command line was not understood"),
         (Self::BadData, "an input file is damaged or of a kind that gimbald does not read"),
@@ -42,6 +44,7 @@ impl Exit {
         (Self::Unavailable, "a device is not there, in use, or cannot do what was asked"),
         (Self::CannotCreate, "an output file cannot be created"),
         (Self::Io, "reading or writing failed midway, as on a full disk"),
+        (Self::Inconclusive, "calibrate saw too little motion to be sure; try again with more"),
         (Self::Config, "the configuration has faults; each is named"),
         (Self::Interrupted, "ended by Ctrl-C before the end; what was written until then is whole"),
     ];

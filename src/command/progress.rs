@@ -41,6 +41,13 @@ impl Progress {
     }
 }
 
+/// Shows nothing.
+impl Default for Progress {
+    fn default() -> Self {
+        Self(ProgressBar::hidden())
+    }
+}
+
 impl Observer for Progress {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
 

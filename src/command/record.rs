@@ -15,7 +15,7 @@ use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 
 /// A camera that gave nothing for this long will not.
-const PATIENCE: Duration = Duration::from_secs(15);
+pub(super) const PATIENCE: Duration = Duration::from_secs(15);
 
 /// Arguments of `record`.
 #[derive(Clone, Debug, clap::Args)]
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// A camera of arithmetic, endless.
-fn synthetic(motion: &str) -> Result<Synthetic, Failure> {
+pub(super) fn synthetic(motion: &str) -> Result<Synthetic, Failure> {
     let usage = |what: String| Failure::new(Exit::Usage, format!("synthetic:{motion}: {what}"));
     let motion = if motion.is_empty() { synthetic::Motion::default() } else { motion.parse().map_err(usage)? };
     Synthetic::new(&synthetic::Params { motion, frames: 0, ..synthetic::Params::default() }).map_err(usage)

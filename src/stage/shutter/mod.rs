@@ -3,6 +3,7 @@
 //! Two questions are put to every model: what a pair of frames shows ([`Shutter::observe`]), and where each output pixel of a
 //! frame comes from once the virtual camera's path is chosen ([`Shutter::map`]).
 
+pub mod certainty;
 pub mod cho2007;
 pub mod continuous;
 

@@ -1,0 +1,205 @@
+//! `gimbald calibrate`: a camera's readout time and field of view, from footage that moves.
+//!
+//! The points of the whole footage are followed once; then the continuous model goes through them several times, from readout
+//! times all over the possible range, either sign: its equations hold near the truth only. The answer that leaves least of the
+//! points' motion unexplained is taken. A file is then followed a second time by a pipeline that knows that answer, which tells
+//! background from people better, and the answer is found again.
+
+mod footage;
+mod limited;
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{self, Write as _};
+use std::os::unix::fs::FileTypeExt;
+use std::path::{Path, PathBuf};
+
+use super::interrupt::stop_on_signal;
+use super::record::{positive, synthetic};
+use super::{Exit, Failure, SettingsArgs};
+use crate::config::Settings;
+use crate::device::v4l2::Capture;
+use crate::device::{FrameSource, replay};
+use crate::pipeline::Camera;
+use crate::rt::wake::Wake;
+use crate::stage::shutter::certainty::{self, Estimate};
+use footage::{Answer, Footage, LEAST_MOTION_PX};
+use limited::Limited;
+
+/// Footage looked at where nothing else is said, seconds: of a camera, of a file.
+const SECONDS: (f64, f64) = (20.0, 120.0);
+/// Frames below which nothing is said.
+const LEAST_FRAMES: u64 = 10;
+/// Share by which another answer's misfit must be larger than the best one's.
+const CLEARLY: f64 = 0.05;
+
+/// Arguments of `calibrate`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// A recorded stream (y4m, .gbr, - for standard input), or a camera: path, number or part of its name; without one, camera.device
+    #[arg(value_name = "IN|DEVICE")]
+    input: Option<PathBuf>,
+    /// Look at so much of it (seconds); otherwise at 20 of a camera, 120 of a file
+    #[arg(long, value_name = "S", value_parser = positive)]
+    seconds: Option<f64>,
+    /// Look at so many frames at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
+    /// How the camera is opened; what it says of readout time and field of view is left aside
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Where the input cannot be read, and [`Exit::Inconclusive`] where it shows too little.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let settings = args.settings.read()?;
+    let input = args.input.clone().unwrap_or_else(|| settings.camera.device.clone().into());
+    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let stop = stop_on_signal(Some(wake.clone()))?;
+    let recorded = is_recorded(&input);
+    let seconds = args.seconds.unwrap_or(if recorded { SECONDS.1 } else { SECONDS.0 });
+    let source = if recorded { replay::open(&input)? } else { camera(&settings, &input, wake)? };
+    if !recorded {
+        say(&format!(
+            "Move the camera about for {seconds:.0} seconds: turn it left and right, up and down, briskly, before a scene that \
+             stands still and is not near.\n"
+        ))?;
+    }
+    let look = |source: Box<dyn FrameSource>, known: Camera, what: &'static str| {
+        let mut source = Limited::new(source, seconds, args.frames);
+        let frames = source.frames();
+        Footage::gather(&mut source, &settings.pipeline, known, &stop, (what, frames))
+    };
+    let mut footage = look(source, Camera::default(), "looking")?;
+    let (mut best, mut other) = footage.answers(None);
+    if recorded && input.is_file() && !stop.is_set() && footage.frames >= LEAST_FRAMES {
+        footage = look(replay::open(&input)?, footage.about(&best.camera), "looking again")?;
+        (best, other) = footage.answers(Some(&best.camera));
+    }
+    if stop.is_set() && recorded {
+        return Err(Failure::new(Exit::Interrupted, "interrupted; nothing was found out"));
+    }
+    let found = Found { interval_s: footage.interval_s(), best, ambiguous: other.filter(|other| !clearly(&best, other)) };
+    let name = input.display().to_string();
+    say(&found.told(&name, &footage))?;
+    found.judged(&name, &footage)
+}
+
+/// Whether `input` is a file or pipe of recorded frames; everything else is a camera.
+fn is_recorded(input: &Path) -> bool {
+    let named = input.extension().is_some_and(|extension| extension == "y4m" || extension == super::place::RECORDING);
+    let there = fs::metadata(input).is_ok_and(|about| about.is_file() || about.is_dir() || about.file_type().is_fifo());
+    input.as_os_str() == "-" || named || there
+}
+
+fn camera(settings: &Settings, input: &Path, wake: Wake) -> Result<Box<dyn FrameSource>, Failure> {
+    let device = input.to_string_lossy().into_owned();
+    if let Some(motion) = device.strip_prefix("synthetic:") {
+        return Ok(Box::new(synthetic(motion)?));
+    }
+    let mut camera = settings.camera.clone();
+    camera.device = device;
+    Ok(Box::new(Capture::open(&camera.params(), wake)?))
+}
+
+fn clearly(best: &Answer, other: &Answer) -> bool {
+    other.misfit > (1.0 + CLEARLY) * best.misfit
+}
+
+/// What was found.
+struct Found {
+    interval_s: f64,
+    best: Answer,
+    /// Another answer that agrees with the footage about as well.
+    ambiguous: Option<Answer>,
+}
+
+impl Found {
+    fn readout(&self) -> Option<Estimate> {
+        certainty::known_readout(&self.best.camera, self.interval_s).filter(|_| self.ambiguous.is_none())
+    }
+
+    fn hfov(&self) -> Option<Estimate> {
+        certainty::known_hfov(&self.best.camera).filter(|_| self.readout().is_some())
+    }
+
+    /// The answer in words, and the lines for the configuration.
+    fn told(&self, name: &str, footage: &Footage) -> String {
+        let Answer { motion_px, moving_s, .. } = self.best;
+        let (duration_s, interval_s) = (footage.duration_s(), self.interval_s);
+        let mut text = format!("{name}: {} frames, {duration_s:.1} s", footage.frames);
+        if footage.cut {
+            text += "; the picture changed its size, and what came then was left aside";
+        }
+        let _ = writeln!(
+            text,
+            "\nmotion: {motion_px:.1} pixels from frame to frame (root mean square); more than {LEAST_MOTION_PX} in {moving_s:.1} s"
+        );
+        let mut lines = String::new();
+        if let Some(Estimate { value, uncertainty }) = self.readout() {
+            let direction = if value < 0.0 { "bottom to top" } else { "top to bottom" };
+            let _ = writeln!(
+                text,
+                "readout time: {:.2} ms, give or take {:.2}: {:.1} % of the frame interval, from {direction}",
+                1e3 * value.abs(),
+                1e3 * uncertainty,
+                100.0 * value.abs() / interval_s
+            );
+            let _ = writeln!(lines, "readout_ms = {:.2}", 1e3 * value);
+        }
+        if let Some(Estimate { value, uncertainty }) = self.hfov() {
+            let _ = writeln!(text, "field of view: {value:.1} degrees from left to right, give or take {uncertainty:.1}");
+            let _ = writeln!(lines, "hfov_deg = {value:.1}");
+        }
+        if !lines.is_empty() {
+            let _ = write!(text, "For the configuration:\n\n[camera]\n{lines}");
+        }
+        text
+    }
+
+    /// Whether everything is known.
+    fn judged(&self, name: &str, footage: &Footage) -> Result<(), Failure> {
+        let mut missing = Vec::new();
+        let limit = certainty::LIMIT;
+        if footage.frames < LEAST_FRAMES {
+            missing.push(format!("{} frames are too few", footage.frames));
+        } else if certainty::known_readout(&self.best.camera, self.interval_s).is_none() {
+            let Estimate { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
+            let [value, uncertainty] = [value, uncertainty].map(|seconds| 100.0 * seconds / self.interval_s);
+            missing.push(if uncertainty > 100.0 * limit.0 {
+                format!(
+                    "the readout time stays uncertain by {uncertainty:.0} % of the frame interval ({:.0} % at most would do)",
+                    100.0 * limit.0
+                )
+            } else {
+                format!("a readout time of {value:.0} % of the frame interval cannot be")
+            });
+        } else if let Some(other) = &self.ambiguous {
+            let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s);
+            missing.push(format!("readout times of {a:.1} and of {b:.1} ms agree with it about as well"));
+        }
+        if footage.frames >= LEAST_FRAMES && certainty::known_hfov(&self.best.camera).is_none() {
+            let off = certainty::hfov(&self.best.camera).uncertainty;
+            missing.push(format!("the field of view stays uncertain by {off:.0} degrees ({:.0} at most would do)", limit.1));
+        }
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let what = format!(
+            "{name}: too little motion: {}; move the camera more, turning it left and right and up and down, before a scene that \
+             stands still, or leave the keys at \"auto\"",
+            missing.join("; ")
+        );
+        Err(Failure::new(Exit::Inconclusive, what))
+    }
+}
+
+fn say(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(|error| Failure::writing(Path::new("standard output"), &error))
+}

@@ -1,0 +1,195 @@
+//! Footage as the estimator sees it: the tracks of each pair of frames, kept so that it can be looked at more than once.
+
+use crate::device::null::NullSink;
+use crate::device::{DeviceError, FrameSource};
+use crate::frame::{Fit, Frame, Outcome, Track};
+use crate::geometry::{Calibration, Pinhole, Pose, RowMotion, RowPoses};
+use crate::image::PictureRef;
+use crate::pipeline::{Camera, Observer, Params, run_inline};
+use crate::rt::stop::Stop;
+use crate::stage::shutter::{self, Known, Model, Pair, Shutter};
+
+use super::super::progress::Progress;
+
+/// Motion of the picture from one frame to the next below which the model learns next to nothing of the camera (pixels).
+pub(super) const LEAST_MOTION_PX: f64 = 0.65;
+/// Readout times from which the search begins (frame intervals): the equations lead to the truth from within a third, and
+/// astray from farther away.
+const STARTS: [f64; 5] = [0.75, 0.35, 0.0, -0.35, -0.75];
+/// Standard deviations with which each start is given (frame intervals; degrees).
+const SPREAD: (f64, f64) = (0.25, 15.0);
+/// Distance at which a track stops counting against an answer, about (pixels).
+const SCALE_PX: f64 = 0.5;
+/// Times the best answer is taken for a start again.
+const ROUNDS: usize = 2;
+
+/// The tracks of a stream's frames.
+#[derive(Debug, Default)]
+pub(super) struct Footage {
+    size: [usize; 2],
+    pairs: Vec<Seen>,
+    /// Frames that were looked at.
+    pub(super) frames: u64,
+    /// The picture changed its size: what came then was left aside.
+    pub(super) cut: bool,
+    progress: Progress,
+}
+
+#[derive(Debug)]
+struct Seen {
+    tracks: Vec<Track>,
+    fit: Fit,
+    interval_s: f64,
+}
+
+/// An answer, and how well it agrees with the footage.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answer {
+    /// What is believed of the camera.
+    pub(super) camera: Calibration,
+    /// Mean of the tracks' robust misfits: Geman-McClure's, 0 (none) to 1.
+    pub(super) misfit: f64,
+    /// Root mean square motion of the picture's middle from frame to frame, pixels.
+    pub(super) motion_px: f64,
+    /// Time in which it moved by at least [`LEAST_MOTION_PX`] a frame, seconds.
+    pub(super) moving_s: f64,
+}
+
+impl Footage {
+    /// Follows the points of `source`'s frames, for a camera known as `camera` says.
+    ///
+    /// # Errors
+    /// What the source reports.
+    pub(super) fn gather(
+        source: &mut dyn FrameSource,
+        params: &Params,
+        camera: Camera,
+        stop: &Stop,
+        (what, frames): (&'static str, Option<u64>),
+    ) -> Result<Self, DeviceError> {
+        let mut params = Params { camera, ..*params };
+        params.shutter.model = Model::Continuous;
+        let mut sink = NullSink::new(&source.format());
+        let mut footage = Self { progress: Progress::new(what, frames), ..Self::default() };
+        let ran = run_inline(source, &mut sink, &params, stop, &mut footage);
+        std::mem::take(&mut footage.progress).finish();
+        ran.map(|_| footage)
+    }
+
+    /// Usual time from one frame to the next, seconds; 0 where there are no two.
+    pub(super) fn interval_s(&self) -> f64 {
+        let mut intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.interval_s).collect();
+        intervals.sort_unstable_by(f64::total_cmp);
+        intervals.get(intervals.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// Time from the first frame to the last, seconds.
+    pub(super) fn duration_s(&self) -> f64 {
+        self.pairs.iter().map(|pair| pair.interval_s).sum()
+    }
+
+    /// The best answer, and the best of those that say something else; the search begins at several readout times, of either sign,
+    /// and at `start` where one is given.
+    pub(super) fn answers(&self, start: Option<&Calibration>) -> (Answer, Option<Answer>) {
+        let interval_s = self.interval_s();
+        let starts = STARTS.map(|part| Camera {
+            readout_ms: Known::About(1e3 * part * interval_s, 1e3 * SPREAD.0 * interval_s),
+            hfov_deg: Known::Nothing,
+        });
+        let mut answers: Vec<Answer> =
+            starts.into_iter().chain(start.map(|camera| self.about(camera))).map(|start| self.answer(start)).collect();
+        answers.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        let mut best = answers[0];
+        for _ in 0..ROUNDS {
+            best = self.answer(self.about(&best.camera));
+        }
+        let other = answers.into_iter().find(|other| (other.camera.readout_s - best.camera.readout_s).abs() > 0.1 * interval_s);
+        (best, other)
+    }
+
+    /// What was found as a start: the value is used, its certainty is not, or the same frames would count twice.
+    pub(super) fn about(&self, camera: &Calibration) -> Camera {
+        Camera {
+            readout_ms: Known::About(1e3 * camera.readout_s, 1e3 * SPREAD.0 * self.interval_s()),
+            hfov_deg: Known::About(camera.hfov_deg, SPREAD.1),
+        }
+    }
+
+    /// Goes through the footage with a model that knows the camera as `start` says.
+    fn answer(&self, start: Camera) -> Answer {
+        let params = shutter::Params { model: Model::Continuous, ..shutter::Params::default() };
+        let mut model = Shutter::new(&params, start.readout_ms.scaled(1e-3), start.hfov_deg, 1);
+        model.begin(self.size);
+        let mut tracks = Vec::new();
+        let (mut misfit, mut count) = (0.0, 0usize);
+        let (mut squares, mut moving_s) = (0.0, 0.0);
+        let mut before: Option<Rows> = None;
+        for pair in &self.pairs {
+            tracks.clone_from(&pair.tracks);
+            model.observe(Pair { tracks: &mut tracks, fit: &pair.fit, interval_s: pair.interval_s });
+            let newest = model.newest();
+            let RowMotion::Poses { camera, rows } = newest.rows else { continue };
+            let now = Rows { camera, rows, path: newest.path };
+            let px = camera.focal * newest.motion[0].hypot(newest.motion[1]);
+            squares += px * px;
+            moving_s += if px >= LEAST_MOTION_PX { pair.interval_s } else { 0.0 };
+            if let Some(before) = before.replace(now) {
+                misfit += pair.tracks.iter().map(|track| now.misfit(&before, track)).sum::<f64>();
+                count += pair.tracks.len();
+            }
+        }
+        Answer {
+            camera: model.calibration().unwrap_or_default(),
+            misfit: misfit / count.max(1) as f64,
+            motion_px: (squares / self.pairs.len().max(1) as f64).sqrt(),
+            moving_s,
+        }
+    }
+}
+
+/// The path over a frame's rows.
+#[derive(Clone, Copy, Debug)]
+struct Rows {
+    camera: Pinhole,
+    rows: RowPoses,
+    path: Pose,
+}
+
+impl Rows {
+    /// Robust misfit of a track from the frame before to this one.
+    fn misfit(&self, before: &Self, track: &Track) -> f64 {
+        let middle = [0.5 * (track.from[0] + track.to[0]), 0.5 * (track.from[1] + track.to[1])];
+        let (sooner, later) = (before.rows.at(track.from[1]), self.rows.at(track.to[1]));
+        let turned: Pose = std::array::from_fn(|c| self.path[c] - before.path[c] + later[c] - sooner[c]);
+        let rows = self.camera.derivative(middle);
+        let off = [0, 1].map(|axis: usize| {
+            let said: f64 = rows[axis].iter().zip(turned).map(|(by, turned)| by * turned).sum();
+            track.to[axis] - track.from[axis] - said
+        });
+        let square = (off[0] * off[0] + off[1] * off[1]) / (SCALE_PX * SCALE_PX);
+        square / (1.0 + square)
+    }
+}
+
+impl Observer for Footage {
+    fn drawn(&mut self, frame: &Frame, _: PictureRef<'_>) {
+        self.frames += 1;
+        let context = &frame.context;
+        if matches!(context.outcome, Outcome::Held(_)) || context.repeat || self.cut {
+            return;
+        }
+        let size = [frame.picture.width(), frame.picture.height()];
+        if self.size != [0, 0] && self.size != size {
+            self.cut = true;
+            return;
+        }
+        self.size = size;
+        if context.interval_s > 0.0 {
+            self.pairs.push(Seen { tracks: context.tracks.clone(), fit: context.fit, interval_s: context.interval_s });
+        }
+    }
+
+    fn sent(&mut self, _: &Frame) {
+        self.progress.step();
+    }
+}
