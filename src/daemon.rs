@@ -1,5 +1,6 @@
 //! A life: devices, pipeline, READY, watch; the camera goes and comes back; STOPPING, and an end that leaves both devices usable.
 
+mod memory;
 mod pulse;
 
 use std::time::{Duration, Instant};
@@ -7,10 +8,11 @@ use std::time::{Duration, Instant};
 use crate::config::Settings;
 use crate::device::v4l2::{Capture, Loopback, LoopbackParams};
 use crate::device::{DeviceError, FrameSource};
-use crate::pipeline::{Pace, run_threaded};
+use crate::pipeline::{Pace, Params, run_threaded};
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
+use memory::{Memory, Mode};
 use pulse::{Attended, Pulse, attend};
 
 /// From the first try again to the slowest.
@@ -39,15 +41,18 @@ pub struct ExitReport {
 pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
     let pulse = Pulse::new(systemd);
+    let memory = Memory::open(Systemd::state_directory().as_deref());
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.
         let _bell = RingAtEnd(&done);
-        if systemd.listens() {
-            let attending = std::thread::Builder::new().name("watchdog".into()).spawn_scoped(scope, || attend(&pulse, &done));
+        if systemd.listens() || memory.keeps() {
+            let attending =
+                std::thread::Builder::new().name("watchdog".into()).spawn_scoped(scope, || attend(&pulse, &memory, &done));
             attending.map_err(|error| DeviceError::io("watchdog thread", "start", error))?;
         }
-        let mut life = Life { settings, stop, wake, pulse: &pulse, loopback: None, report: ExitReport::default() };
+        let mut life =
+            Life { settings, stop, wake, pulse: &pulse, memory: &memory, loopback: None, report: ExitReport::default() };
         let ended = life.live();
         systemd.stopping();
         let (frames, stabilized) = pulse.sent();
@@ -78,6 +83,7 @@ struct Life<'a> {
     stop: &'a Stop,
     wake: &'a Wake,
     pulse: &'a Pulse,
+    memory: &'a Memory,
     /// Opened with the first camera, in its size, and kept: who watches it never loses it.
     loopback: Option<Loopback>,
     report: ExitReport,
@@ -132,10 +138,13 @@ impl Life<'_> {
         let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
         tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
         self.pulse.doing(format!("{from} ({mode}) to {to}"), true);
+        let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
+        let params = Params { camera: known, ..self.settings.pipeline };
         let mut observer = self.pulse;
         let mut attended = Attended { camera: &mut camera, pulse: self.pulse, failed: false };
-        let params = &self.settings.pipeline;
-        match run_threaded(&mut attended, loopback, params, self.stop, &mut observer, Pace::Live) {
+        let ran = run_threaded(&mut attended, loopback, &params, self.stop, &mut observer, Pace::Live);
+        self.memory.end(&self.pulse.take_calibration());
+        match ran {
             Ok(totals) => {
                 tracing::info!(?totals, "the stream ended");
                 Ended::Stopped

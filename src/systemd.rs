@@ -1,5 +1,6 @@
 //! What the daemon tells systemd. Without systemd (no NOTIFY_SOCKET) every word goes nowhere, and nothing fails.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use sd_notify::NotifyState;
@@ -16,6 +17,13 @@ impl Systemd {
     pub fn from_env() -> Self {
         let listens = std::env::var_os("NOTIFY_SOCKET").is_some();
         Self { listens, watchdog: sd_notify::watchdog_enabled().filter(|_| listens) }
+    }
+
+    /// Where the service may keep what it should know after a restart: STATE_DIRECTORY, the first where there are several; `None`
+    /// where the unit has no StateDirectory=.
+    pub fn state_directory() -> Option<PathBuf> {
+        let paths = std::env::var_os("STATE_DIRECTORY")?;
+        std::env::split_paths(&paths).find(|path| path.is_absolute())
     }
 
     /// Whether anybody listens.

@@ -17,7 +17,7 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("report", &["config", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
     ("systemd", &[]),
     ("log", &["config"]),
-    ("daemon", &["systemd", "log", "config", "report", "pipeline", "device", "frame", "image", "rt"]),
+    ("daemon", &["systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
     ("command", &["daemon", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
 ];
 

@@ -106,6 +106,7 @@ impl From<DeviceError> for Failure {
     fn from(error: DeviceError) -> Self {
         let exit = match &error {
             DeviceError::Io { doing: "create", .. } => Exit::CannotCreate,
+            DeviceError::Io { doing, .. } if doing.starts_with("find such a ") => Exit::Unavailable,
             DeviceError::Io { path, .. } if path.to_str().is_some_and(|path| path.starts_with("/dev/video")) => {
                 Exit::Unavailable
             }

@@ -7,11 +7,14 @@ use std::time::Duration;
 use crate::device::v4l2::Capture;
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::frame::{Frame, Outcome};
+use crate::geometry::Calibration;
 use crate::image::PictureRef;
 use crate::pipeline::Observer;
 use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
+
+use super::memory::Memory;
 
 /// How often the status line is told anew, at most.
 const STATUS_EVERY: Duration = Duration::from_secs(5);
@@ -33,6 +36,9 @@ pub(super) struct Pulse {
     stabilized: AtomicU64,
     /// Sum of the frames' ages when they were sent.
     age_ns: AtomicI64,
+    /// What the newest frame says of the camera: the bits of a [`Calibration`]'s numbers, in its order. They are not read and written
+    /// as one; but they move slowly, so a few that are a frame older than the rest do no harm.
+    calibration: [AtomicU64; 4],
     /// What the daemon is at; changes with the devices, not with frames.
     doing: Mutex<String>,
 }
@@ -49,6 +55,7 @@ impl Pulse {
             sent: AtomicU64::new(0),
             stabilized: AtomicU64::new(0),
             age_ns: AtomicI64::new(0),
+            calibration: Default::default(),
             doing: Mutex::new(String::new()),
         }
     }
@@ -77,6 +84,25 @@ impl Pulse {
         (self.sent.load(Relaxed), self.stabilized.load(Relaxed))
     }
 
+    /// What is believed of the camera; all 0 where nothing is.
+    pub(super) fn calibration(&self) -> Calibration {
+        let [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg] =
+            [0, 1, 2, 3].map(|i: usize| f64::from_bits(self.calibration[i].load(Relaxed)));
+        Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg }
+    }
+
+    /// The same, where a stream has ended: the next one may be another camera's.
+    pub(super) fn take_calibration(&self) -> Calibration {
+        let found = self.calibration();
+        self.keep_calibration(&Calibration::default());
+        found
+    }
+
+    fn keep_calibration(&self, found: &Calibration) {
+        let numbers = [found.readout_s, found.readout_deviation_s, found.hfov_deg, found.hfov_deviation_deg];
+        self.calibration.iter().zip(numbers).for_each(|(kept, number)| kept.store(number.to_bits(), Relaxed));
+    }
+
     fn frame_lent(&self) {
         self.lent_ns.store(monotonic_ns(), Relaxed);
     }
@@ -101,8 +127,8 @@ impl Pulse {
     }
 }
 
-/// Feeds systemd's watchdog while there are beats, and its status line; until `done` rings.
-pub(super) fn attend(pulse: &Pulse, done: &Wake) {
+/// Feeds systemd's watchdog while there are beats, and its status line, and lets `memory` learn; until `done` rings.
+pub(super) fn attend(pulse: &Pulse, memory: &Memory, done: &Wake) {
     let watchdog = pulse.systemd.watchdog();
     let period = watchdog.map_or(STATUS_EVERY, |limit| (limit / 4).min(STATUS_EVERY));
     let (mut told_ns, mut told_sent, mut told_age) = (monotonic_ns(), 0, 0);
@@ -116,6 +142,7 @@ pub(super) fn attend(pulse: &Pulse, done: &Wake) {
                 tracing::error!(seconds = silent_ns / 1_000_000_000, "nothing gets on: the watchdog is not fed");
             }
         }
+        memory.learn(&pulse.calibration());
         if now - told_ns >= STATUS_EVERY.as_nanos() as i64 {
             let (sent, age) = (pulse.sent.load(Relaxed), pulse.age_ns.load(Relaxed));
             let frames = sent - told_sent;
@@ -169,6 +196,7 @@ impl Observer for &Pulse {
 
     fn sent(&mut self, frame: &Frame) {
         self.frame_sent(frame.stamp.time_ns, frame.context.outcome);
+        self.keep_calibration(&frame.context.calibration);
     }
 }
 
@@ -191,5 +219,19 @@ mod tests {
         pulse.camera_idle();
         assert_ne!(pulse.beat_ns.load(Relaxed), 0);
         assert_eq!(pulse.sent(), (1, 1));
+    }
+
+    #[test]
+    fn the_calibration_of_the_frame_sent_last_is_there_until_it_is_taken() {
+        let pulse = Pulse::new(Systemd::from_env());
+        assert_eq!(pulse.calibration(), Calibration::default());
+        let found = Calibration { readout_s: -0.02, readout_deviation_s: 1e-4, hfov_deg: 61.0, hfov_deviation_deg: 0.2 };
+        let mut frame = Frame::default();
+        frame.context.calibration = found;
+        (&mut &pulse).sent(&frame);
+        assert_eq!(
+            (pulse.calibration(), pulse.take_calibration(), pulse.calibration()),
+            (found, found, Calibration::default())
+        );
     }
 }

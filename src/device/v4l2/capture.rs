@@ -137,6 +137,11 @@ impl Capture {
         self.queue.node().path()
     }
 
+    /// The camera's name and the bus it sits on; empty where it does not say.
+    pub fn name_and_bus(&self) -> (String, String) {
+        self.queue.node().identity().map_or_else(|_| Default::default(), |identity| (identity.card, identity.bus))
+    }
+
     /// What became of the frames so far.
     pub fn counts(&self) -> Counts {
         Counts { missing: self.timeline.missing, foreign_times: self.timeline.foreign_times, ..self.counts }

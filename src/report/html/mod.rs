@@ -1,6 +1,7 @@
 //! One page that shows what a run did: motion before and after, frames before and after, times, settings. Needs nothing but a
 //! browser: no file beside it, no network, no script.
 
+mod inside;
 mod page;
 mod picture;
 mod plot;
@@ -11,12 +12,14 @@ use super::names::MotionNames;
 use crate::config::Settings;
 use crate::device::StreamFormat;
 use crate::frame::{Frame, Outcome};
+use crate::geometry::Calibration;
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
 
+use inside::Inside;
 use stills::Stills;
 
-/// Gathers a run for its page. Memory grows by some 250 bytes a frame, pictures excepted, which are bounded.
+/// Gathers a run for its page. Memory grows by some 300 bytes a frame, pictures excepted, which are bounded.
 #[derive(Debug)]
 pub struct Report {
     settings: Settings,
@@ -25,18 +28,24 @@ pub struct Report {
     names: &'static MotionNames,
     samples: Vec<Sample>,
     stills: Stills,
+    inside: Inside,
 }
 
 /// What the page shows of a frame.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     time_ns: i64,
+    /// Time after the frame before, seconds; 0 for a stream's first.
+    interval_s: f64,
     outcome: Outcome,
     /// Motion of the camera since the frame before, and what is left of it in the output; not finite where unknown.
     motion: [f64; 4],
     steadied: [f64; 4],
     path: [f64; 4],
     smoothed: [f64; 4],
+    /// Motion of the last row against the first, x and y, pixels.
+    sheared: [f64; 2],
+    calibration: Calibration,
     tracks: u32,
     inliers: u32,
     confidence: f64,
@@ -55,6 +64,7 @@ impl Report {
             names: MotionNames::of(settings.pipeline.shutter.model),
             samples: Vec::new(),
             stills: Stills::new(format.colour),
+            inside: Inside::default(),
         }
     }
 
@@ -78,11 +88,14 @@ impl Report {
         };
         Sample {
             time_ns: frame.stamp.time_ns,
+            interval_s: context.interval_s,
             outcome: context.outcome,
             motion: if before.is_some() { motion } else { unknown },
             steadied,
             path,
             smoothed,
+            sheared: if held { [f64::NAN; 2] } else { inside::sheared(frame) },
+            calibration: context.calibration,
             tracks: context.fit.tracks,
             inliers: context.fit.inliers,
             confidence: context.fit.confidence,
@@ -102,6 +115,7 @@ impl Observer for Report {
             None => 0.0,
         };
         self.stills.add(frame, output, shake);
+        self.inside.add(frame);
         self.samples.push(sample);
     }
 

@@ -3,23 +3,34 @@
 use std::fmt::Write as _;
 
 use super::plot::{Plot, Series, escaped};
-use super::{Report, Sample};
+use super::{Report, Sample, inside};
 use crate::config::{Settings, keys};
 use crate::frame::{Outcome, Stage};
 use crate::pipeline::Totals;
 use crate::report::{Stats, outcome_name};
-use crate::stage::shutter::Known;
+use crate::stage::shutter::{Known, Model, Parameters};
 
 /// Which four parameters of a frame a line shows.
 type Of = fn(&Sample) -> [f64; 4];
 
 const STYLE: &str = include_str!("style.css");
 
-/// What the settings say of the readout time, for a sentence.
-fn readout(known: Known) -> String {
-    match known {
-        Known::Exactly(ms) => format!("a readout of {ms} ms"),
-        Known::About(..) | Known::Nothing => "a readout that it had to find out".into(),
+/// What is known of the readout time, for a sentence.
+fn readout(report: &Report) -> String {
+    let found = report.samples.iter().rev().map(|sample| sample.calibration).find(|camera| camera.hfov_deg > 0.0);
+    match (report.settings.pipeline.camera.readout_ms, found) {
+        (Known::Exactly(ms), _) => format!("a readout of {ms} ms"),
+        (_, Some(camera)) => format!("a readout that it found to take {:.1} ms", 1e3 * camera.readout_s),
+        (_, None) => "a readout that nobody told it".into(),
+    }
+}
+
+/// When the model knows a frame's motion.
+fn latency(report: &Report) -> &'static str {
+    let shutter = &report.settings.pipeline.shutter;
+    match (shutter.model, shutter.parameters) {
+        (Model::Cho2007, Parameters::TimeT) => "A frame's motion is known when the next one is there: one frame late",
+        (Model::Cho2007, Parameters::TimeT1) | (Model::Continuous, _) => "A frame's motion is known at once: no latency",
     }
 }
 
@@ -36,6 +47,7 @@ pub(super) fn html(report: &Report, totals: &Totals, stats: &Stats) -> String {
     html.push_str("<h2>Before and after</h2>\n");
     html.push_str(&report.stills.html(|index| times.get(index as usize).copied().unwrap_or(0.0)));
     motion(&mut html, report, &times);
+    inside::html(&mut html, report, &times);
     path(&mut html, report, &times);
     trust(&mut html, report, &times);
     cost(&mut html, report, stats, &times);
@@ -49,15 +61,16 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
     let format = &report.format;
     let _ = writeln!(
         html,
-        "<p>{} frames of {}x{} ({}) in {:.2} s of video, stabilized with the model <code>{}</code> for {}, by gimbald {}.</p>\n<dl class=facts>",
+        "<p>{} frames of {}x{} ({}) in {:.2} s of video, stabilized with the model <code>{}</code> for {}, by gimbald {}. {}.</p>\n<dl class=facts>",
         totals.frames_out,
         format.width,
         format.height,
         format.pixel,
         times.last().copied().unwrap_or(0.0),
         report.names.model,
-        readout(report.settings.pipeline.camera.readout_ms),
+        readout(report),
         env!("CARGO_PKG_VERSION"),
+        latency(report),
     );
     let mut fact = |name: &str, value: String, note: String| {
         let _ = writeln!(html, "<div><dt>{name}</dt><dd>{value}</dd><small>{note}</small></div>");
@@ -85,8 +98,13 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
 
 /// The plots of the paper's Fig. 12.
 fn motion(html: &mut String, report: &Report, times: &[f64]) {
-    html.push_str(
-        "<h2>Motion from frame to frame</h2>\n<p>As in Fig. 12 of the paper: the camera's own motion, and what is left of it in \
+    let between = match report.settings.pipeline.shutter.model {
+        Model::Cho2007 => "As in Fig. 12 of the paper",
+        Model::Continuous => "From one frame's middle row to the next one's, as the paper's Fig. 12 has it for its model",
+    };
+    let _ = write!(
+        html,
+        "<h2>Motion from frame to frame</h2>\n<p>{between}: the camera's own motion, and what is left of it in \
          the output. The number is the root mean square of its change from one frame to the next, which is what the eye sees as \
          shake.</p>\n",
     );

@@ -46,7 +46,7 @@ impl Plot<'_> {
     pub(super) fn figure(&self) -> String {
         let mut html = format!("<figure><figcaption><b>{}</b> {}", escaped(&self.title), escaped(&self.note));
         html.push_str("<span class=legend>");
-        for series in &self.series {
+        for series in self.series.iter().filter(|series| !series.label.is_empty()) {
             let _ = write!(html, "<span><i class=\"{}\"></i>{}</span>", series.class, escaped(&series.label));
         }
         html.push_str("</span></figcaption>");

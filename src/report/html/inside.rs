@@ -1,0 +1,250 @@
+//! The motion inside frames: what the rows did while the frame was read, and what is believed of the camera.
+
+use std::fmt::Write as _;
+
+use super::plot::{Plot, Series};
+use super::{Report, Sample};
+use crate::frame::Frame;
+use crate::geometry::{Calibration, RowMotion, RowPoses};
+use crate::stage::shutter::certainty::{self, LIMIT};
+
+/// Frames whose rows are drawn, and how many frames lie between two of them at least.
+const CURVES: usize = 6;
+const APART: u64 = 8;
+/// Uncertainties are drawn from where they are at most so many times those at which a value counts as known.
+const DRAWN: f64 = 3.0;
+
+/// How far the rows of a frame are from where the middle row's time would show them, x and y, pixels, in the picture's middle
+/// column: evenly from the first row to the last.
+type Rows = [[f64; 2]; RowPoses::SAMPLES];
+
+/// The rows of a frame that moved in another way than at one speed.
+#[derive(Clone, Debug)]
+struct Curve {
+    index: u64,
+    rows: Rows,
+    /// The same at the speed that the camera had on average since the frame before, as the paper's model has it.
+    straight: Rows,
+    bend: f64,
+}
+
+/// Keeps the frames whose rows bend most.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Inside {
+    curves: Vec<Curve>,
+    seen: u64,
+}
+
+/// What `frame`'s last row moved against its first (x, y, pixels); not finite where unknown.
+pub(super) fn sheared(frame: &Frame) -> [f64; 2] {
+    match frame.context.rows {
+        RowMotion::Uniform { motion, rows } => {
+            let part = frame.picture.height() as f64 / rows;
+            [motion.c * part, motion.d * part]
+        }
+        RowMotion::Poses { .. } => match in_pixels(&frame.context.rows) {
+            Some(rows) => [0, 1].map(|axis: usize| rows[RowPoses::SAMPLES - 1][axis] - rows[0][axis]),
+            None => [f64::NAN; 2],
+        },
+    }
+}
+
+fn in_pixels(motion: &RowMotion) -> Option<Rows> {
+    let RowMotion::Poses { camera, rows } = motion else { return None };
+    Some(rows.samples.map(|pose| [-camera.focal * pose[0], camera.focal * pose[1]]))
+}
+
+impl Inside {
+    /// Looks at a frame's rows.
+    pub(super) fn add(&mut self, frame: &Frame) {
+        let index = self.seen;
+        self.seen += 1;
+        let context = &frame.context;
+        let (Some(rows), RowMotion::Poses { camera, .. }) = (in_pixels(&context.rows), context.rows) else { return };
+        let readout_s = context.calibration.readout_s;
+        if context.interval_s <= 0.0 || context.repeat || !frame.intact {
+            return;
+        }
+        let speed = [-camera.focal * context.motion[0], camera.focal * context.motion[1]].map(|px| px / context.interval_s);
+        let straight: Rows = std::array::from_fn(|i| {
+            let time_s = readout_s * (i as f64 / (RowPoses::SAMPLES - 1) as f64 - 0.5);
+            speed.map(|speed| speed * time_s)
+        });
+        let off = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let bend = rows.iter().zip(&straight).map(off).fold(0.0, f64::max);
+        self.keep(Curve { index, rows, straight, bend });
+    }
+
+    fn keep(&mut self, curve: Curve) {
+        if !curve.bend.is_finite() {
+            return;
+        }
+        if let Some(near) = self.curves.iter_mut().find(|kept| curve.index - kept.index < APART) {
+            if curve.bend > near.bend {
+                *near = curve;
+            }
+            return;
+        }
+        self.curves.push(curve);
+        if self.curves.len() > CURVES {
+            let least = (0..self.curves.len()).min_by(|a, b| self.curves[*a].bend.total_cmp(&self.curves[*b].bend));
+            least.map(|least| self.curves.remove(least));
+        }
+    }
+
+    /// The kept frames, rows from top to bottom as in the picture.
+    fn figure(&self, html: &mut String, times: &[f64]) {
+        const SIDE: f64 = 140.0;
+        const HEIGHT: f64 = 176.0;
+        let widest = self.curves.iter().flat_map(|curve| curve.rows.iter().chain(&curve.straight)).flatten();
+        let widest = widest.fold(1e-3_f64, |most, px| most.max(px.abs()));
+        let _ = write!(
+            html,
+            "<figure><figcaption><b>Rows of the frames that bend most</b> each box is a frame, top row at the top: how far its rows \
+             moved while it was read, against the middle one. Its edges are {widest:.1} px to the left and right.\
+             <span class=legend><span><i class=before></i>sideways</span><span><i class=after></i>up and down (right is down)</span>\
+             <span><i class=third></i>at one speed, as the paper has it</span></span></figcaption>\
+             <svg viewBox=\"0 0 {} {HEIGHT}\" role=img aria-label=\"rows of single frames\">",
+            SIDE * CURVES as f64
+        );
+        for (at, curve) in self.curves.iter().enumerate() {
+            let left = at as f64 * SIDE;
+            let (x, y) = (
+                |px: f64| left + SIDE / 2.0 + px / widest * (SIDE / 2.0 - 8.0),
+                |i: usize| 8.0 + i as f64 / (RowPoses::SAMPLES - 1) as f64 * (HEIGHT - 36.0),
+            );
+            let _ = write!(html, "<path class=grid d=\"M{0:.1} {1:.1}V{2:.1}\"/>", x(0.0), y(0), y(RowPoses::SAMPLES - 1));
+            let lines = [(&curve.straight, "third"), (&curve.rows, "")];
+            for (rows, class) in lines {
+                for (axis, own) in ["before", "after"].into_iter().enumerate() {
+                    let class = if class.is_empty() { own } else { class };
+                    let _ = write!(html, "<path class=\"line {class}\" d=\"");
+                    for (i, px) in rows.iter().enumerate() {
+                        let _ = write!(html, "{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, x(px[axis]), y(i));
+                    }
+                    html.push_str("\"/>");
+                }
+            }
+            let time = times.get(curve.index as usize).copied().unwrap_or(0.0);
+            let _ = write!(
+                html,
+                "<text x={:.1} y={} class=x>{time:.2} s, off by {:.2} px</text>",
+                left + SIDE / 2.0,
+                HEIGHT - 8.0,
+                curve.bend
+            );
+        }
+        html.push_str("</svg></figure>\n");
+    }
+}
+
+/// The section of the page.
+pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
+    html.push_str(
+        "<h2>Motion inside frames</h2>\n<p>A frame's rows are exposed one after the other, while the camera moves on. How far the \
+         picture moved from the first row to the last is how much a frame was slanted (sideways) or stretched (up and down).</p>\n",
+    );
+    let line = |label: &str, class: &'static str, of: &dyn Fn(&Sample) -> f64| Series {
+        label: label.into(),
+        class,
+        values: report.samples.iter().map(of).collect(),
+    };
+    let plot = |title: &str, note: String, unit, series, least| Plot {
+        title: title.into(),
+        note,
+        unit,
+        times,
+        series,
+        limit: None,
+        least,
+    };
+    let sheared = vec![line("sideways", "before", &|s| s.sheared[0]), line("up and down", "after", &|s| s.sheared[1])];
+    let note = "motion of the picture while a frame was read, last row against first".to_owned();
+    html.push_str(&plot("Last row against first", note, "px", sheared, Some((-0.1, 0.1))).figure());
+    if !report.inside.curves.is_empty() {
+        report.inside.figure(html, times);
+    }
+    let found =
+        report.samples.iter().any(|s| s.calibration.readout_deviation_s > 0.0 || s.calibration.hfov_deviation_deg > 0.0);
+    if !found {
+        return;
+    }
+    html.push_str(
+        "<h2>The camera, as it was found out</h2>\n<p>Readout time and field of view follow from footage that moves. The outer lines \
+         are the interval in which the truth nearly always lies; they are drawn once it is narrow enough to be of interest.</p>\n",
+    );
+    let readout = |part: f64| {
+        move |s: &Sample| band(s, certainty::readout(&s.calibration, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
+    };
+    let hfov = |part: f64| move |s: &Sample| band(s, certainty::hfov(&s.calibration), LIMIT.1, 1.0, part);
+    let known = |of: fn(&Calibration) -> f64| {
+        move |s: &Sample| if s.calibration.hfov_deg > 0.0 { of(&s.calibration) } else { f64::NAN }
+    };
+    let series = vec![
+        line("interval", "third", &readout(-1.0)),
+        line("", "third", &readout(1.0)),
+        line("readout time", "after", &known(|c| 1e3 * c.readout_s)),
+    ];
+    html.push_str(&plot("Readout time", "negative: from bottom to top".into(), "ms", series, None).figure());
+    let series = vec![
+        line("interval", "third", &hfov(-1.0)),
+        line("", "third", &hfov(1.0)),
+        line("field of view", "after", &known(|c| c.hfov_deg)),
+    ];
+    html.push_str(&plot("Field of view", "from left to right".into(), "deg", series, None).figure());
+}
+
+/// An edge of an estimate's interval, where that is narrow enough.
+fn band(sample: &Sample, estimate: certainty::Estimate, limit: f64, scale: f64, part: f64) -> f64 {
+    if sample.calibration.hfov_deg > 0.0 && sample.interval_s > 0.0 && estimate.uncertainty <= DRAWN * limit {
+        scale * (estimate.value + part * estimate.uncertainty)
+    } else {
+        f64::NAN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pinhole, Zoom};
+    use crate::image::{Picture, Sampling};
+
+    fn frame(bend: f64) -> Frame {
+        let mut frame = Frame { picture: Picture::new(Sampling::Mono, 64, 48), intact: true, ..Frame::default() };
+        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 47.0 / 24.0 };
+        for (i, pose) in rows.samples.iter_mut().enumerate() {
+            let part = i as f64 / 24.0 - 0.5;
+            *pose = [-0.02 * part, 0.01 * part + bend * (part * part), 0.0, 0.0];
+        }
+        frame.context.rows = RowMotion::Poses { camera: Pinhole { focal: 100.0, centre: [31.5, 23.5] }, rows };
+        frame.context.interval_s = 0.04;
+        frame.context.motion = [-0.04, 0.02, 0.0, 0.0];
+        frame.context.calibration.readout_s = 0.02;
+        frame
+    }
+
+    #[test]
+    fn the_last_row_is_told_from_the_first_in_both_models() {
+        let [x, y] = sheared(&frame(0.01));
+        assert!((x - 2.0).abs() < 1e-9 && (y - 1.0).abs() < 1e-9, "{x} {y}");
+        let mut uniform = frame(0.0);
+        let motion = Zoom { c: 4.0, d: -2.0, ..Zoom::IDENTITY };
+        uniform.context.rows = RowMotion::Uniform { motion, rows: 96.0 };
+        assert_eq!(sheared(&uniform), [2.0, -1.0]);
+    }
+
+    #[test]
+    fn frames_that_bend_most_are_kept_apart_from_each_other() {
+        let mut inside = Inside::default();
+        for n in 0..200 {
+            // one speed throughout agrees with the straight line
+            inside.add(&frame(if n % 20 == 3 { 0.001 * f64::from(n) } else { 0.0 }));
+        }
+        let kept: Vec<u64> = inside.curves.iter().map(|curve| curve.index).collect();
+        assert_eq!(kept, [83, 103, 123, 143, 163, 183]);
+        assert!((inside.curves[0].bend - 100.0 * 0.083 * 0.25).abs() < 1e-9, "{}", inside.curves[0].bend);
+        let mut html = String::new();
+        inside.figure(&mut html, &[0.0; 200]);
+        assert!(html.matches("<path class=\"line").count() == 24 && !html.contains("NaN"), "{html}");
+    }
+}
