@@ -43,7 +43,17 @@ pub struct Room {
 #[derive(Clone, Copy, Debug, Default)]
 struct Side {
     normal: Pose,
-    free: f64,
+    /// What is free with the rows' motion as it is, and were they still.
+    free: [f64; 2],
+}
+
+/// Whether the rows' own motion is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rows {
+    /// As it is.
+    Moving,
+    /// As if there were none.
+    Still,
 }
 
 impl Default for Room {
@@ -57,7 +67,7 @@ impl Room {
     /// Adds a half-space; `whole` is what it would leave free with no correction and the rows still.
     pub fn add(&mut self, normal: Pose, free: f64, whole: f64) {
         if self.used < SIDES {
-            self.sides[self.used] = Side { normal, free: free.max(0.0) };
+            self.sides[self.used] = Side { normal, free: [free.max(0.0), whole.max(0.0)] };
             self.used += 1;
         }
         for (half, slope) in self.half.iter_mut().zip(normal) {
@@ -73,10 +83,10 @@ impl Room {
     }
 
     /// The least and the most that channel `c` of `correction` may be, the others as they are. Both 0 where they leave nothing.
-    pub fn of(&self, c: usize, correction: &Pose) -> [f64; 2] {
+    pub fn of(&self, c: usize, correction: &Pose, rows: Rows) -> [f64; 2] {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         for Side { normal, free } in &self.sides[..self.used] {
-            let left = (free - dot(normal, correction) + normal[c] * correction[c]).max(0.0);
+            let left = (free[rows as usize] - dot(normal, correction) + normal[c] * correction[c]).max(0.0);
             if normal[c] > 1e-9 {
                 high = high.min(left / normal[c]);
             } else if normal[c] < -1e-9 {
@@ -88,7 +98,7 @@ impl Room {
 
     /// How far a correction goes: 1 touches a side.
     pub fn reach(&self, correction: &Pose) -> f64 {
-        let share = |side: &Side| dot(&side.normal, correction) / side.free.max(1e-9);
+        let share = |side: &Side| dot(&side.normal, correction) / side.free[0].max(1e-9);
         self.sides[..self.used].iter().map(share).fold(0.0, f64::max)
     }
 }

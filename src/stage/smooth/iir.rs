@@ -36,3 +36,17 @@ impl LowPass {
         Self { input, output: input - lag + swing, speed: slope + swing_speed }
     }
 }
+
+/// Share of the window up to which a correction is left alone.
+const KNEE: f64 = 0.7;
+/// Seconds in which the gain returns.
+const RELEASE_S: f64 = 2.0;
+
+/// The part of a correction of `wanted` that a window of `edge` allows, `h` seconds after it was `gain`: falls at once, returns
+/// slowly. Shake that is larger than the window is so made smaller and keeps its shape; cutting its tops off would make them
+/// harder than they were.
+pub fn gain(gain: f64, wanted: f64, edge: f64, h: f64) -> f64 {
+    let use_ = wanted / edge.max(1e-12);
+    let allowed = if use_ <= KNEE { 1.0 } else { (KNEE + (1.0 - KNEE) * ((use_ - KNEE) / (1.0 - KNEE)).tanh()) / use_ };
+    allowed.min(gain + (1.0 - gain) * (1.0 - (-h / RELEASE_S).exp()))
+}

@@ -5,12 +5,13 @@
 //! outwards alone, so that the virtual camera yields to the camera and is never thrown back. All in seconds, in steps far finer
 //! than a frame, so that the rate of the frames changes little.
 
-mod adaptive;
+#[allow(missing_docs)]
+pub mod adaptive;
 mod iir;
 
 use std::f64::consts::TAU;
 
-use super::crop::Room;
+use super::crop::{Room, Rows};
 use crate::geometry::Pose;
 
 /// Which drive moves the virtual camera.
@@ -42,20 +43,8 @@ impl Default for Params {
 
 /// Longest step, seconds.
 const STEP_S: f64 = 0.0085;
-/// Part of the window that yaw and pitch, roll and zoom may take.
-const SHARE: Pose = [1.0, 1.0, 0.4, 0.25];
 /// The order of the channels: what turns takes its part of the window first, the rest is for yaw and pitch.
 const ORDER: [usize; 4] = [3, 2, 0, 1];
-/// Share of the window from which its edge pushes the speed, the seconds ahead it looks and in which it does so, and the part of
-/// the push that lasts.
-const SOFT: f64 = 0.876;
-const SOFT_AHEAD_S: f64 = 0.032;
-const SOFT_S: f64 = 0.291;
-const SOFT_LASTS: f64 = 0.695;
-/// Share of the window from which its edge carries the place along, until at 1 nothing goes farther out.
-const FIRM: f64 = 0.802;
-/// Part of that speed that lasts, per second.
-const FIRM_LASTS: f64 = 0.105 / 0.033;
 /// Part of the window that is never used: what the window's description leaves out.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
@@ -68,6 +57,8 @@ pub struct Smoother {
     /// Strength as it is, on its way to the one that is wanted.
     strength: f64,
     state: Option<[Channel; 4]>,
+    /// T
+    pub tuning: adaptive::Tuning,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -76,15 +67,20 @@ struct Channel {
     camera: f64,
     /// The virtual camera's.
     place: f64,
-    /// Its speed, units / second.
+    /// The same in the window that its shake wants.
+    inner: f64,
+    /// Speed of that, units / second.
     speed: f64,
     drive: adaptive::Drive,
+    /// The paper's filter, and the part of its correction that the window allows.
+    filter: iir::LowPass,
+    gain: f64,
 }
 
 impl Smoother {
     /// A virtual camera that has seen nothing.
     pub fn new(params: &Params) -> Self {
-        Self { params: *params, strength: params.strength, state: None }
+        Self { params: *params, strength: params.strength, state: None, tuning: adaptive::Tuning::default() }
     }
 
     /// Takes new settings; what changes glides.
@@ -105,8 +101,17 @@ impl Smoother {
 
     /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`.
     pub fn step(&mut self, camera: Pose, interval_s: f64, room: &Room) -> Pose {
+        let t = &self.tuning;
         let Some(state) = &mut self.state else {
-            let at = |camera| Channel { camera, place: camera, speed: 0.0, drive: adaptive::Drive::at(camera) };
+            let at = |camera| Channel {
+                camera,
+                place: camera,
+                inner: camera,
+                speed: 0.0,
+                drive: adaptive::Drive::at(camera),
+                filter: iir::LowPass { input: camera, output: camera, speed: 0.0 },
+                gain: 1.0,
+            };
             self.state = Some(camera.map(at));
             return camera;
         };
@@ -119,75 +124,94 @@ impl Smoother {
             let goal = self.params.strength.clamp(0.0, 1.0);
             self.strength += (goal - self.strength).clamp(-h / STRENGTH_S, h / STRENGTH_S);
             for c in ORDER {
-                let window = allowed(room, c, state, self.strength);
-                let half = room.half()[c] * SHARE[c] * self.strength;
+                let half = room.half()[c] * share(c, t) * self.strength;
                 let now = before[c] + slope[c] * h * k as f64;
-                state[c].step(&self.params, now, slope[c], half, window, h);
+                let edges = allowed(room, c, state, self.strength, Rows::Still, t);
+                state[c].step(&self.params, now, slope[c], half, edges, h, t);
             }
         }
         for c in ORDER {
             state[c].camera = camera[c];
-            let [low, high] = allowed(room, c, state, self.strength);
+            let [low, high] = allowed(room, c, state, self.strength, Rows::Moving, t);
             let channel = &mut state[c];
-            channel.place = camera[c] + (channel.place - camera[c]).clamp(low, high);
+            let held = camera[c] + (channel.place - camera[c]).clamp(low, high);
+            if interval_s > 0.0 {
+                channel.speed += t.hard_lasts() * channel.drive.wanting(t) * (held - channel.place) / interval_s;
+            }
+            channel.inner += (held - channel.place) * channel.drive.wanting(t);
+            channel.place = held;
         }
         state.map(|channel| channel.place)
     }
 }
 
 /// The least and the most that channel `c` may correct, the others as they are.
-fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64) -> [f64; 2] {
+fn share(c: usize, t: &adaptive::Tuning) -> f64 {
+    [1.0, 1.0, t.roll(), 0.25][c]
+}
+
+fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64, rows: Rows, t: &adaptive::Tuning) -> [f64; 2] {
     let mut correction = state.map(|channel| channel.place - channel.camera);
-    if SHARE[c] < 1.0 {
+    if share(c, t) < 1.0 {
         (correction[0], correction[1]) = (0.0, 0.0);
     }
     let whole = strength * (1.0 - SPARE);
-    let most = if SHARE[c] < 1.0 { SHARE[c] * room.half()[c] } else { f64::INFINITY };
-    let [low, high] = room.of(c, &correction);
+    let most = if share(c, t) < 1.0 { share(c, t) * room.half()[c] } else { f64::INFINITY };
+    let [low, high] = room.of(c, &correction, rows);
     [low.max(-most) * whole, high.min(most) * whole]
 }
 
 impl Channel {
     /// `h` seconds in which the camera came to `camera` at `slope` units / second; `half` is half of the window, `window` what
     /// the correction may be.
-    fn step(&mut self, params: &Params, camera: f64, slope: f64, half: f64, window: [f64; 2], h: f64) {
-        let from = self.place;
+    fn step(&mut self, params: &Params, camera: f64, slope: f64, half: f64, window: [f64; 2], h: f64, t: &adaptive::Tuning) {
+        let from = self.inner;
         if !half.is_finite() || half <= 0.0 {
             // a channel that moves nothing, or no window at all
-            (self.camera, self.place, self.speed) = (camera, camera, 0.0);
+            (self.camera, self.place, self.inner, self.speed) = (camera, camera, camera, 0.0);
             self.drive = adaptive::Drive::at(camera);
+            self.filter = iir::LowPass { input: camera, output: camera, speed: 0.0 };
             return;
         }
         match params.mode {
             Mode::Adaptive => {
-                [self.place, self.speed] = self.drive.step([self.place, self.speed], camera, half, h);
+                let wide = self.drive.wanting(t);
+                [self.inner, self.speed] = self.drive.step([self.inner, self.speed], camera, half * wide, h, t);
+                self.camera = camera;
+                let driven = self.inner;
+                self.push(slope, window.map(|edge| edge * wide), h, t);
+                self.drive.went(self.inner - from, self.inner - driven, half * wide, h, t);
+                self.place = camera + (self.inner - camera) / wide;
+                self.filter = iir::LowPass { input: camera, output: self.place, speed: self.speed };
             }
             Mode::Iir => {
-                let filter = iir::LowPass { input: self.camera, output: self.place, speed: self.speed };
-                let after = filter.after(TAU * params.cutoff_hz, camera, h);
-                (self.place, self.speed) = (after.output, after.speed);
+                self.filter = self.filter.after(TAU * params.cutoff_hz, camera, h);
+                self.camera = camera;
+                let wanted = self.filter.output - camera;
+                let edge = if wanted < 0.0 { -window[0] } else { window[1] };
+                self.gain = iir::gain(self.gain, wanted.abs(), edge, h);
+                self.place = camera + self.gain * wanted;
+                self.drive = adaptive::Drive::at(camera);
+                self.inner = self.place;
             }
         }
-        self.camera = camera;
-        self.push(slope, window, h);
-        self.drive.went(self.place - from, half, h);
     }
 
     /// What the window's edges do.
-    fn push(&mut self, slope: f64, [low, high]: [f64; 2], h: f64) {
-        let least = (self.camera + SOFT * low - self.place) / SOFT_AHEAD_S;
-        let most = (self.camera + SOFT * high - self.place) / SOFT_AHEAD_S;
-        let push = (self.speed.max(least).min(most) - self.speed) * (1.0 - (-h / SOFT_S).exp());
-        self.speed += SOFT_LASTS * push;
-        self.place += push * h;
-        let correction = self.place - self.camera;
+    fn push(&mut self, slope: f64, [low, high]: [f64; 2], h: f64, t: &adaptive::Tuning) {
+        let least = (self.camera + t.soft() * low - self.inner) / t.soft_ahead_s();
+        let most = (self.camera + t.soft() * high - self.inner) / t.soft_ahead_s();
+        let push = (self.speed.max(least).min(most) - self.speed) * (1.0 - (-h / t.soft_s()).exp());
+        self.speed += t.soft_lasts() * push;
+        self.inner += push * h;
+        let correction = self.inner - self.camera;
         let outwards = slope - self.speed;
         if outwards * correction < 0.0 {
             let edge = if correction < 0.0 { low } else { high };
             let use_ = if edge == 0.0 { 1.0 } else { correction / edge };
-            let firm = adaptive::smooth((use_ - FIRM) / (1.0 - FIRM));
-            self.place += firm * outwards * h;
-            self.speed += FIRM_LASTS * firm * outwards * h;
+            let firm = adaptive::smooth((use_ - t.firm()) / (1.0 - t.firm()));
+            self.inner += firm * outwards * h;
+            self.speed += t.firm_lasts() * firm * outwards * h;
         }
     }
 }
