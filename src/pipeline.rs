@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
 use crate::frame::{Frame, FrameContext, FrameFlags, HoldReason, Outcome, PassReason, Stage};
 use crate::geometry::Calibration;
+use crate::geometry::Pose;
 use crate::image::PictureRef;
 use crate::kernel::Level;
 use crate::rt::{clock, stop::Stop};
@@ -247,14 +248,22 @@ impl Stabilizer {
         self.placed_ns = Some(frame.stamp.time_ns);
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
-            let wanted = self.smoother.step(motion.path, interval_s);
             let trust = self.trust.step(motion.confidence, interval_s);
             let view = self.window.view();
-            let place = |part: f64| std::array::from_fn(|i| motion.path[i] + part * trust * (wanted[i] - motion.path[i]));
             let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
-            let part = self.window.allowed(&view, |part| self.shutter.map(&motion, place(part), rows, &view));
+            let pose = self.shutter.pose(motion.path);
+            // the path's parameters for the part of a correction
+            let path = |correction: Pose, part: f64| {
+                self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]))
+            };
+            let room = self.window.room(&view, self.smoother.correction(), |correction| {
+                self.shutter.map(&motion, path(correction, 1.0), rows, &view)
+            });
+            let wanted = self.smoother.step(pose, interval_s, &room);
+            let correction = std::array::from_fn(|i| trust * (wanted[i] - pose[i]));
+            let part = self.window.inside(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
-            context.smoothed = place(part);
+            context.smoothed = path(correction, part);
             context.trust = trust;
             context.calibration = self.shutter.calibration().unwrap_or_default();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);

@@ -4,6 +4,7 @@ use super::{Key, Kind, Level};
 use crate::image::PixelFormat;
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
+use crate::stage::smooth::Mode;
 
 /// A real number: `number!(path.to.field, least to most)`.
 macro_rules! number {
@@ -190,9 +191,23 @@ pub const KEYS: &[Key] = &[
         kind: choice!(pipeline.shutter.parameters, "time-t" => Parameters::TimeT, "time-t+1" => Parameters::TimeT1),
     },
     Key {
+        name: "smooth.mode",
+        unit: "",
+        doc: "Path of the virtual camera: \"adaptive\" stands still as long as the crop allows, \"iir\" is a fixed low-pass.",
+        live: true,
+        kind: choice!(pipeline.smooth.mode, "adaptive" => Mode::Adaptive, "iir" => Mode::Iir),
+    },
+    Key {
+        name: "smooth.strength",
+        unit: "ratio",
+        doc: "How steady: 1 uses all of the crop to stand still, less follows the camera more closely, 0 follows it at once.",
+        live: true,
+        kind: number!(pipeline.smooth.strength, 0.0 to 1.0),
+    },
+    Key {
         name: "smooth.cutoff_hz",
         unit: "Hz",
-        doc: "Camera motion slower than this is followed, faster is taken out.",
+        doc: "iir: camera motion slower than this is followed, faster is taken out.",
         live: true,
         kind: number!(pipeline.smooth.cutoff_hz, 0.05 to 10.0),
     },

@@ -1,12 +1,12 @@
 //! The crop window: how much of the picture is given up to hide the border, and keeping every correction inside it.
 //!
 //! The output shows the picture magnified by `zoom` about its centre; the margin that this hides is what a correction may use.
-//! A correction that would use more than [`KNEE`] of it is scaled back, gently at first, so that the output's outline never
-//! leaves the picture.
+//! [`Window::room`] says how much that is, in the terms of the path: the planner stays inside of it. What the rows' motion takes
+//! of the margin beyond [`KNEE`] is scaled back, gently at first, and [`Window::inside`] has the last word.
 
 use nalgebra::Matrix3;
 
-use crate::geometry::{Homography, OutputMap};
+use crate::geometry::{Homography, OutputMap, Pose};
 
 /// Settings of the crop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,87 @@ impl Default for Params {
 const KNEE: f64 = 0.7;
 /// Points along each side of the outline that are watched.
 const PER_SIDE: usize = 9;
+
+/// Difference of poses over which slopes are taken.
+const STEP: f64 = 1e-4;
+/// Half-spaces there are at most: two ways along each axis for each point of the outline.
+const SIDES: usize = 4 * PER_SIDE * 4;
+
+/// The corrections (differences of poses) that keep the outline inside: where every half-space `normal . correction <= free`.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    sides: [Side; SIDES],
+    used: usize,
+    /// Largest correction of each channel alone, were the rows still.
+    half: Pose,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Side {
+    normal: Pose,
+    /// What is free with the rows' motion as it is, and were they still.
+    free: [f64; 2],
+}
+
+/// Whether the rows' own motion is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rows {
+    /// As it is.
+    Moving,
+    /// As if there were none.
+    Still,
+}
+
+impl Default for Room {
+    /// Everything is allowed.
+    fn default() -> Self {
+        Self { sides: [Side::default(); SIDES], used: 0, half: [f64::INFINITY; 4] }
+    }
+}
+
+impl Room {
+    /// Adds a half-space; `whole` is what it would leave free with no correction and the rows still.
+    pub fn add(&mut self, normal: Pose, free: f64, whole: f64) {
+        if self.used < SIDES {
+            self.sides[self.used] = Side { normal, free: [free.max(0.0), whole.max(0.0)] };
+            self.used += 1;
+        }
+        for (half, slope) in self.half.iter_mut().zip(normal) {
+            if slope.abs() > 1e-9 {
+                *half = half.min(whole.max(0.0) / slope.abs());
+            }
+        }
+    }
+
+    /// Largest correction of each channel alone, were the rows still; infinite for a channel that moves nothing.
+    pub fn half(&self) -> Pose {
+        self.half
+    }
+
+    /// The least and the most that channel `c` of `correction` may be, the others as they are. Both 0 where they leave nothing.
+    pub fn of(&self, c: usize, correction: &Pose, rows: Rows) -> [f64; 2] {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for Side { normal, free } in &self.sides[..self.used] {
+            let left = (free[rows as usize] - dot(normal, correction) + normal[c] * correction[c]).max(0.0);
+            if normal[c] > 1e-9 {
+                high = high.min(left / normal[c]);
+            } else if normal[c] < -1e-9 {
+                low = low.max(left / normal[c]);
+            }
+        }
+        [low, high]
+    }
+
+    /// How far a correction goes: 1 touches a side.
+    pub fn reach(&self, correction: &Pose) -> f64 {
+        let share = |side: &Side| dot(&side.normal, correction) / side.free[0].max(1e-9);
+        self.sides[..self.used].iter().map(share).fold(0.0, f64::max)
+    }
+}
+
+fn dot(a: &Pose, b: &Pose) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+}
 
 /// Sizes of input and output, and the zoom between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,6 +160,47 @@ impl Window {
             }
         }
         most
+    }
+
+    /// The corrections for which the outline stays inside, as half-spaces around the correction `near`. `map` gives the map for a
+    /// correction: a difference of poses, in whatever units the path has.
+    pub fn room(&self, view: &Homography, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Room {
+        let limit = self.input.map(|n| n - 1.0);
+        let (middle, mut beside) = (map(near), [OutputMap::default(); 4]);
+        for (c, moved) in beside.iter_mut().enumerate() {
+            let mut to = near;
+            to[c] += STEP;
+            *moved = map(to);
+        }
+        let mut room = Room::default();
+        for point in self.outline() {
+            let (here, rest) = (middle.apply(point), view.apply(point));
+            let moved = beside.map(|map| map.apply(point));
+            for i in 0..2 {
+                let slope: Pose = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
+                let along = dot(&slope, &near);
+                for (sign, free, whole) in [(1.0, limit[i] - here[i], limit[i] - rest[i]), (-1.0, here[i], rest[i])] {
+                    // an output of another shape has bars beside the picture: there is nothing to hide there
+                    if whole >= -1e-6 && slope.iter().all(|s| s.is_finite()) {
+                        room.add(slope.map(|s| sign * s), free + sign * along, whole);
+                    }
+                }
+            }
+        }
+        room
+    }
+
+    /// The largest part (0 to 1) of a correction for which the outline stays inside; part 0 must.
+    pub fn inside(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+        if self.reach(&map(1.0), view) <= 1.0 {
+            return 1.0;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            if self.reach(&map(middle), view) <= 1.0 { low = middle } else { high = middle }
+        }
+        low
     }
 
     /// The largest part (0 to 1) of a correction for which the outline stays inside, softened from [`KNEE`] of the margin on.

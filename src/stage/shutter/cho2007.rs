@@ -8,7 +8,7 @@
 use nalgebra::Matrix3;
 
 use super::{Known, Motion, Pair, Parameters};
-use crate::geometry::{Homography, OutputMap, Pinhole, RowMotion, Zoom};
+use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, Zoom};
 
 /// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
 /// known of them: this model does not find them out.
@@ -125,6 +125,20 @@ impl Cho2007 {
     /// As [`super::Shutter::reference`].
     pub fn reference(&self) -> Motion {
         self.known[0]
+    }
+
+    /// As [`super::Shutter::pose`]: the pixel of the path's first frame that is at the centre now (x, y), 0, the log of a.
+    pub fn pose(&self, path: [f64; 4]) -> Pose {
+        let Zoom { a, c, d } = zoom(path);
+        let [x, y] = self.camera.centre;
+        [(x - c) / a, (y - d) / a, 0.0, a.ln()]
+    }
+
+    /// As [`super::Shutter::path`].
+    pub fn path(&self, [x0, y0, _, log]: Pose) -> [f64; 4] {
+        let a = log.exp();
+        let [x, y] = self.camera.centre;
+        [a, x - a * x0, y - a * y0, 0.0]
     }
 
     /// As [`super::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).

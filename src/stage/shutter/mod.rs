@@ -8,7 +8,7 @@ pub mod cho2007;
 pub mod continuous;
 
 use crate::frame::{Fit, Track};
-use crate::geometry::{Calibration, Homography, OutputMap, RowMotion};
+use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion};
 
 use cho2007::Cho2007;
 use continuous::Continuous;
@@ -163,6 +163,22 @@ impl Shutter {
         match self {
             Self::Cho2007(model) => model.reference(),
             Self::Continuous(model) => model.newest(),
+        }
+    }
+
+    /// A path's parameters as ones that do not mix zoom and place: what turns and what zooms, each for itself.
+    pub fn pose(&self, path: [f64; 4]) -> Pose {
+        match self {
+            Self::Cho2007(model) => model.pose(path),
+            Self::Continuous(_) => path,
+        }
+    }
+
+    /// The path's parameters for what [`Shutter::pose`] gave.
+    pub fn path(&self, pose: Pose) -> [f64; 4] {
+        match self {
+            Self::Cho2007(model) => model.path(pose),
+            Self::Continuous(_) => pose,
         }
     }
 
