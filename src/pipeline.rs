@@ -161,6 +161,13 @@ impl Stabilizer {
         self.shutter.calibration()
     }
 
+    /// Takes new settings of the path and the crop window while running: both glide to them. The others stay as they were.
+    pub fn set_params(&mut self, params: &Params) {
+        (self.params.smooth, self.params.crop) = (params.smooth, params.crop);
+        self.smoother.set_params(&params.smooth);
+        self.window.set_params(&params.crop);
+    }
+
     /// Takes a frame in and finds out how the camera moved.
     pub fn take_in(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
@@ -249,6 +256,7 @@ impl Stabilizer {
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
             let trust = self.trust.step(motion.confidence, interval_s);
+            self.window.glide(interval_s);
             let view = self.window.view();
             let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
             let pose = self.shutter.pose(motion.path);

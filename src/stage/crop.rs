@@ -112,13 +112,34 @@ fn dot(a: &Pose, b: &Pose) -> f64 {
 pub struct Window {
     input: [f64; 2],
     output: [f64; 2],
+    /// The zoom as it is, and the one it is on its way to.
     zoom: f64,
+    goal: f64,
 }
+
+/// Most that the log of the zoom changes in a second.
+const GLIDE: f64 = 0.1;
 
 impl Window {
     /// A window for an input and an output picture of the given sizes (width, height).
     pub fn new(params: &Params, input: [usize; 2], output: [usize; 2]) -> Self {
-        Self { input: input.map(|n| n as f64), output: output.map(|n| n as f64), zoom: params.zoom }
+        Self { input: input.map(|n| n as f64), output: output.map(|n| n as f64), zoom: params.zoom, goal: params.zoom }
+    }
+
+    /// Takes new settings; the zoom glides to them.
+    pub fn set_params(&mut self, params: &Params) {
+        self.goal = params.zoom;
+    }
+
+    /// `interval_s` seconds go by.
+    pub fn glide(&mut self, interval_s: f64) {
+        let most = GLIDE * interval_s.clamp(0.0, 1.0);
+        if self.zoom > 0.0 && self.zoom != self.goal {
+            self.zoom = (self.goal / self.zoom).ln().clamp(-most, most).exp() * self.zoom;
+            if (self.zoom / self.goal - 1.0).abs() < 1e-9 {
+                self.zoom = self.goal;
+            }
+        }
     }
 
     /// Takes output pixels to the virtual camera's: the zoom about the centre, and where the sizes differ, the scale at which the

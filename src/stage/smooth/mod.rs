@@ -45,6 +45,10 @@ impl Default for Params {
 const STEP_S: f64 = 0.0085;
 /// The order of the channels: what turns takes its part of the window first, the rest is for yaw and pitch.
 const ORDER: [usize; 4] = [3, 2, 0, 1];
+/// The way to the camera is never covered faster than in so many seconds, pushed or not.
+const CATCH_UP_S: f64 = 0.05;
+/// Seconds in which a place that had to be set back has gained the speed for it.
+const HARD_S: f64 = 1.0 / 30.0;
 /// Part of the window that is never used: what the window's description leaves out.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
@@ -135,11 +139,17 @@ impl Smoother {
             let [low, high] = allowed(room, c, state, self.strength, Rows::Moving, t);
             let channel = &mut state[c];
             let held = camera[c] + (channel.place - camera[c]).clamp(low, high);
-            if interval_s > 0.0 {
-                channel.speed += t.hard_lasts() * channel.drive.wanting(t) * (held - channel.place) / interval_s;
-            }
+            channel.speed += t.hard_lasts() * channel.drive.wanting(t) * (held - channel.place) / HARD_S;
             channel.inner += (held - channel.place) * channel.drive.wanting(t);
             channel.place = held;
+            channel.hold_back();
+        }
+        // the channels were set back one by one, each for what the others were: together they may still be too much
+        let reach = room.reach(&state.map(|channel| channel.place - channel.camera));
+        if reach > 1.0 - 0.5 * SPARE {
+            for channel in state.iter_mut() {
+                channel.place = channel.camera + (channel.place - channel.camera) * (1.0 - SPARE) / reach;
+            }
         }
         state.map(|channel| channel.place)
     }
@@ -210,8 +220,20 @@ impl Channel {
             let edge = if correction < 0.0 { low } else { high };
             let use_ = if edge == 0.0 { 1.0 } else { correction / edge };
             let firm = adaptive::smooth((use_ - t.firm()) / (1.0 - t.firm()));
-            self.inner += firm * outwards * h;
-            self.speed += t.firm_lasts() * firm * outwards * h;
+            // no farther than back to where its edge begins
+            let most = correction.abs() - t.firm() * edge.abs();
+            let way = (firm * outwards * h).clamp(-most.max(0.0), most.max(0.0));
+            self.inner += way;
+            self.speed += t.firm_lasts() * way;
+        }
+        self.hold_back();
+    }
+
+    /// However hard the edges pushed, the camera may stop now: no speed that would carry past it before it is braked.
+    fn hold_back(&mut self) {
+        let way = self.camera - self.inner;
+        if self.speed * way > 0.0 {
+            self.speed = self.speed.clamp(-way.abs() / CATCH_UP_S, way.abs() / CATCH_UP_S);
         }
     }
 }

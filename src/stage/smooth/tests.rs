@@ -59,3 +59,158 @@ fn a_sine_at_the_cutoff_loses_three_decibels() {
     }
     assert!((most - FRAC_1_SQRT_2).abs() < 2e-3, "{most}");
 }
+
+/// A window as a 640 x 480 picture at a zoom of 1.1 has it, in pixels: roll takes from yaw and pitch.
+fn window() -> Room {
+    let mut room = Room::default();
+    for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+        for sign in [-1.0, 1.0] {
+            room.add([sign, 0.1 * sign * x * y, 0.6 * sign * y, 20.0 * sign * x], 29.0, 29.0);
+            room.add([0.1 * sign * x * y, sign, 0.8 * sign * x, 20.0 * sign * y], 22.0, 22.0);
+        }
+    }
+    room
+}
+
+/// The virtual camera's path for the camera's, both pixels.
+fn follow(params: Params, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+    let mut smoother = Smoother::new(&params);
+    let room = window();
+    (0..(rate * seconds) as usize)
+        .map(|k| {
+            let camera = path(k as f64 / rate);
+            (camera, smoother.step(camera, if k > 0 { 1.0 / rate } else { 0.0 }, &room))
+        })
+        .collect()
+}
+
+/// Sums of sines from 0.2 to 8 Hz, of about `rms` pixels, and a slow drift.
+fn shake(seed: u64, rms: f64) -> impl Fn(f64) -> Pose {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let waves: [[[f64; 3]; 8]; 4] = std::array::from_fn(|c| {
+        std::array::from_fn(|_| {
+            let hz = 0.2 * 40f64.powf(random());
+            [hz, rms * [0.5, 0.5, 0.1, 0.0005][c] / hz.max(0.5).sqrt(), TAU * random()]
+        })
+    });
+    let drift = 60.0 * (random() - 0.5) * rms / 10.0;
+    move |t| {
+        std::array::from_fn(|c| {
+            let sum: f64 = waves[c].iter().map(|[hz, size, phase]| size * ((TAU * hz * t + phase).sin() - phase.sin())).sum();
+            sum + if c < 2 { drift * t } else { 0.0 }
+        })
+    }
+}
+
+const MODES: [Mode; 2] = [Mode::Adaptive, Mode::Iir];
+
+#[test]
+fn nothing_ever_leaves_the_window() {
+    for seed in 0..60 {
+        for rate in [15.0, 25.0, 30.0, 60.0] {
+            for mode in MODES {
+                for strength in [1.0, 0.5] {
+                    let params = Params { mode, strength, ..Params::default() };
+                    let rms = [3.0, 10.0, 40.0, 150.0][seed as usize % 4];
+                    for (camera, place) in follow(params, rate, 5.0, shake(seed, rms)) {
+                        let reach = window().reach(&std::array::from_fn(|c| place[c] - camera[c]));
+                        assert!(reach <= 1.0, "seed {seed}, {rate} fps, {mode:?}: {reach}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_only_shakes_is_held_still() {
+    let params = Params::default();
+    for rate in [15.0, 30.0, 60.0] {
+        let path = |t: f64| [9.0 * (TAU * 3.0 * t).sin(), 7.0 * (TAU * 2.3 * t).sin(), 2.0 * (TAU * 1.7 * t).sin(), 0.0];
+        for (_, place) in follow(params, rate, 6.0, path) {
+            assert!(place.iter().all(|p| p.abs() < 0.25), "{rate} fps: {place:?}");
+        }
+    }
+    for (camera, place) in follow(params, 30.0, 3.0, |_| [3.0, -2.0, 0.5, 0.1]) {
+        assert_eq!(camera, place);
+    }
+}
+
+#[test]
+fn a_step_and_a_pan_are_followed_without_overshoot_or_pull_back() {
+    for rate in [15.0, 25.0, 30.0, 60.0] {
+        let step = follow(Params::default(), rate, 6.0, |t| [if t > 1.0 { 60.0 } else { 0.0 }, 0.0, 0.0, 0.0]);
+        let most = step.iter().map(|(_, place)| place[0]).fold(0.0, f64::max);
+        assert!(most <= 60.0 * 1.02, "{rate} fps: a step of 60 to {most}");
+        let pan = |t: f64| {
+            let u = ((t - 1.0) / 1.6).clamp(0.0, 1.0);
+            [213.0 * u * u * (3.0 - 2.0 * u), 0.0, 0.0, 0.0]
+        };
+        let path = follow(Params::default(), rate, 6.0, pan);
+        let most = path.iter().map(|(_, place)| place[0]).fold(0.0, f64::max);
+        assert!(most <= 213.0 * 1.02, "{rate} fps: a pan of 213 to {most}");
+        assert!(path.windows(2).all(|pair| pair[1].1[0] >= pair[0].1[0] - 0.3), "{rate} fps: pulled back");
+        let at = |t: f64| path[(t * rate) as usize].1[0];
+        assert!((at(5.5) - at(3.1)).abs() < 0.05 * 213.0, "{rate} fps: from {} half a second after the end to {}", at(3.1), at(5.5));
+    }
+}
+
+#[test]
+fn the_rate_of_frames_changes_little() {
+    for seed in 0..20 {
+        let path = |rate| follow(Params::default(), rate, 6.0, shake(seed, [4.0, 8.0][seed as usize % 2]));
+        let (slow, fast) = (path(30.0), path(60.0));
+        let off = slow.iter().zip(fast.iter().step_by(2)).map(|((_, a), (_, b))| (a[0] - b[0]).hypot(a[1] - b[1]));
+        let off: Vec<f64> = off.collect();
+        let rms = (off.iter().map(|o| o * o).sum::<f64>() / off.len() as f64).sqrt();
+        println!("seed {seed}: rms {rms}, most {}", off.iter().copied().fold(0.0, f64::max));
+        assert!(rms < 3.0, "seed {seed}: {rms}");
+    }
+}
+
+#[test]
+fn the_output_never_shakes_harder_than_the_input() {
+    for seed in 0..40 {
+        for mode in MODES {
+            let path = follow(Params { mode, ..Params::default() }, 30.0, 8.0, shake(seed, [4.0, 10.0, 30.0, 80.0][seed as usize % 4]));
+            let second = |k: usize, which: fn(&(Pose, Pose)) -> Pose| {
+                let [a, b, c] = [k - 1, k, k + 1].map(|k| which(&path[k]));
+                (0..2).map(|i| (a[i] - 2.0 * b[i] + c[i]).powi(2)).sum::<f64>()
+            };
+            let rms = |which| ((1..path.len() - 1).map(|k| second(k, which)).sum::<f64>() / path.len() as f64).sqrt();
+            let (input, output) = (rms(|p| p.0), rms(|p| p.1));
+            println!("seed {seed} {mode:?}: {}", output / input);
+            assert!(output < input, "seed {seed}, {mode:?}: {output} of {input} px / frame^2");
+        }
+    }
+}
+
+#[test]
+fn strength_and_mode_glide() {
+    let mut smoother = Smoother::new(&Params::default());
+    let (room, path) = (window(), shake(5, 6.0));
+    let changes = [
+        Params { strength: 0.0, ..Params::default() },
+        Params::default(),
+        Params { mode: Mode::Iir, ..Params::default() },
+        Params::default(),
+    ];
+    let mut last: Option<(Pose, Pose)> = None;
+    for k in 0..450 {
+        if k % 90 == 89 {
+            smoother.set_params(&changes[k / 90 % 4]);
+        }
+        let camera = path(k as f64 / 30.0);
+        let place = smoother.step(camera, 1.0 / 30.0, &room);
+        if let Some((camera_before, before)) = last {
+            // a correction is given up within a second: no faster than a few pixels a frame
+            let (moved, by) = ((place[0] - before[0]).abs(), (camera[0] - camera_before[0]).abs());
+            assert!(moved < by + 3.0, "frame {k}: {moved} px, the camera {by} px");
+        }
+        last = Some((camera, place));
+    }
+}
