@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn what_was_given_or_is_vague_or_impossible_is_not_found_out() {
-        let found = Calibration { readout_s: -0.02, readout_deviation_s: 1e-4, hfov_deg: 60.0, hfov_deviation_deg: 0.1 };
+        let found = Calibration { readout_s: -0.02, readout_deviation_s: 5e-4, hfov_deg: 60.0, hfov_deviation_deg: 0.5 };
         let interval_s = 1.0 / 30.0;
         let known = known_readout(&found, interval_s).unwrap();
         assert_eq!(known.value, -0.02);
@@ -64,7 +64,7 @@ mod tests {
         assert!((1.0..1.1).contains(&known_hfov(&found).unwrap().uncertainty));
         let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, ..found };
         assert_eq!((known_readout(&given, interval_s), known_hfov(&given)), (None, None));
-        let vague = Calibration { readout_deviation_s: 5e-4, hfov_deviation_deg: 0.4, ..found };
+        let vague = Calibration { readout_deviation_s: 2.5e-3, hfov_deviation_deg: 2.0, ..found };
         assert_eq!((known_readout(&vague, interval_s), known_hfov(&vague)), (None, None));
         assert_eq!(known_readout(&Calibration { readout_s: 0.0367, ..found }, interval_s), None);
         assert_eq!(known_readout(&Calibration::default(), interval_s), None);
