@@ -130,7 +130,22 @@ fn the_same_input_gives_the_same_bytes_from_a_file_and_through_pipes() {
 fn trace_stats_and_report_can_be_read() {
     let scratch = Scratch::new("reports");
     let [trace, stats, report] = ["t.csv", "s.json", "r.html"].map(|name| scratch.file(name));
-    good(&["replay", CAR, "-o", "null:", "--trace", &trace, "--stats", &stats, "--report", &report, "--set", "crop.zoom=1.25"]);
+    good(&[
+        "replay",
+        CAR,
+        "-o",
+        "null:",
+        "--trace",
+        &trace,
+        "--stats",
+        &stats,
+        "--report",
+        &report,
+        "--set",
+        "crop.zoom=1.25",
+        "--set",
+        "shutter.model=cho2007",
+    ]);
 
     let trace = fs::read_to_string(trace).unwrap();
     let rows: Vec<Vec<&str>> = trace.lines().map(|line| line.split(',').collect()).collect();

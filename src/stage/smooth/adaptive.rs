@@ -13,34 +13,117 @@ use std::f64::consts::TAU;
 #[allow(missing_docs, reason = "being tuned")]
 pub struct Tuning(pub [f64; 25]);
 impl Tuning {
-    pub const NAMES: [&str; 25] = ["calm_hz", "pan_hz", "still", "pull", "pull_power", "pan_still", "pan_pull", "fade_s", "arrive_held_s", "arrive_pan_s", "brake_s", "return_hz", "strain_s", "strain_pan", "soft", "soft_ahead_s", "soft_s", "soft_lasts", "firm", "firm_lasts", "hard_lasts", "roll", "overload_s", "overload", "over_from"];
-    pub fn calm_hz(&self) -> f64 { self.0[0] }
-    pub fn pan_hz(&self) -> f64 { self.0[1] }
-    pub fn still(&self) -> f64 { self.0[2] }
-    pub fn pull(&self) -> f64 { self.0[3] }
-    pub fn pull_power(&self) -> f64 { self.0[4] }
-    pub fn pan_still(&self) -> f64 { self.0[5] }
-    pub fn pan_pull(&self) -> f64 { self.0[6] }
-    pub fn fade_s(&self) -> f64 { self.0[7] }
-    pub fn arrive_held_s(&self) -> f64 { self.0[8] }
-    pub fn arrive_pan_s(&self) -> f64 { self.0[9] }
-    pub fn brake_s(&self) -> f64 { self.0[10] }
-    pub fn return_hz(&self) -> f64 { self.0[11] }
-    pub fn strain_s(&self) -> f64 { self.0[12] }
-    pub fn strain_pan(&self) -> f64 { self.0[13] }
-    pub fn soft(&self) -> f64 { self.0[14] }
-    pub fn soft_ahead_s(&self) -> f64 { self.0[15] }
-    pub fn soft_s(&self) -> f64 { self.0[16] }
-    pub fn soft_lasts(&self) -> f64 { self.0[17] }
-    pub fn firm(&self) -> f64 { self.0[18] }
-    pub fn firm_lasts(&self) -> f64 { self.0[19] }
-    pub fn hard_lasts(&self) -> f64 { self.0[20] }
-    pub fn roll(&self) -> f64 { self.0[21] }
-    pub fn overload_s(&self) -> f64 { self.0[22] }
-    pub fn overload(&self) -> f64 { self.0[23] }
-    pub fn over_from(&self) -> f64 { self.0[24] }
+    pub const NAMES: [&str; 25] = [
+        "calm_hz",
+        "pan_hz",
+        "still",
+        "pull",
+        "pull_power",
+        "pan_still",
+        "pan_pull",
+        "fade_s",
+        "arrive_held_s",
+        "arrive_pan_s",
+        "brake_s",
+        "return_hz",
+        "strain_s",
+        "strain_pan",
+        "soft",
+        "soft_ahead_s",
+        "soft_s",
+        "soft_lasts",
+        "firm",
+        "firm_lasts",
+        "hard_lasts",
+        "roll",
+        "overload_s",
+        "overload",
+        "over_from",
+    ];
+    pub fn calm_hz(&self) -> f64 {
+        self.0[0]
+    }
+    pub fn pan_hz(&self) -> f64 {
+        self.0[1]
+    }
+    pub fn still(&self) -> f64 {
+        self.0[2]
+    }
+    pub fn pull(&self) -> f64 {
+        self.0[3]
+    }
+    pub fn pull_power(&self) -> f64 {
+        self.0[4]
+    }
+    pub fn pan_still(&self) -> f64 {
+        self.0[5]
+    }
+    pub fn pan_pull(&self) -> f64 {
+        self.0[6]
+    }
+    pub fn fade_s(&self) -> f64 {
+        self.0[7]
+    }
+    pub fn arrive_held_s(&self) -> f64 {
+        self.0[8]
+    }
+    pub fn arrive_pan_s(&self) -> f64 {
+        self.0[9]
+    }
+    pub fn brake_s(&self) -> f64 {
+        self.0[10]
+    }
+    pub fn return_hz(&self) -> f64 {
+        self.0[11]
+    }
+    pub fn strain_s(&self) -> f64 {
+        self.0[12]
+    }
+    pub fn strain_pan(&self) -> f64 {
+        self.0[13]
+    }
+    pub fn soft(&self) -> f64 {
+        self.0[14]
+    }
+    pub fn soft_ahead_s(&self) -> f64 {
+        self.0[15]
+    }
+    pub fn soft_s(&self) -> f64 {
+        self.0[16]
+    }
+    pub fn soft_lasts(&self) -> f64 {
+        self.0[17]
+    }
+    pub fn firm(&self) -> f64 {
+        self.0[18]
+    }
+    pub fn firm_lasts(&self) -> f64 {
+        self.0[19]
+    }
+    pub fn hard_lasts(&self) -> f64 {
+        self.0[20]
+    }
+    pub fn roll(&self) -> f64 {
+        self.0[21]
+    }
+    pub fn overload_s(&self) -> f64 {
+        self.0[22]
+    }
+    pub fn overload(&self) -> f64 {
+        self.0[23]
+    }
+    pub fn over_from(&self) -> f64 {
+        self.0[24]
+    }
 }
-impl Default for Tuning { fn default() -> Self { Self([0.6584, 12.0, 0.8975, 25.5861, 1.8388, 0.0827, 28.1337, 0.5867, 0.021, 0.0756, 0.0247, 0.002, 0.1604, 0.6829, 0.8878, 0.012, 0.1386, 0.7057, 0.8942, 3.8167, 0.9268, 0.7, 1.0, 4.0, 0.3]) } }
+impl Default for Tuning {
+    fn default() -> Self {
+        Self([
+            0.6584, 12.0, 0.8975, 25.5861, 1.8388, 0.0827, 28.1337, 0.5867, 0.021, 0.0756, 0.0247, 0.002, 0.1604, 0.6829,
+            0.8878, 0.012, 0.1386, 0.7057, 0.8942, 3.8167, 0.9268, 0.7, 1.0, 4.0, 0.3,
+        ])
+    }
+}
 /// What one channel remembers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Drive {
