@@ -140,10 +140,14 @@ impl Found {
         );
         let mut lines = String::new();
         if let Some(Estimate { value, uncertainty }) = self.readout() {
-            let direction = if value < 0.0 { "bottom to top" } else { "top to bottom" };
+            let direction = match value {
+                _ if value.abs() <= uncertainty => "and so as good as none: a global shutter",
+                _ if value < 0.0 => "from bottom to top",
+                _ => "from top to bottom",
+            };
             let _ = writeln!(
                 text,
-                "readout time: {:.2} ms, give or take {:.2}: {:.1} % of the frame interval, from {direction}",
+                "readout time: {:.2} ms, give or take {:.2}: {:.1} % of the frame interval, {direction}",
                 1e3 * value.abs(),
                 1e3 * uncertainty,
                 100.0 * value.abs() / interval_s
@@ -182,15 +186,19 @@ impl Found {
             missing.push(format!("readout times of {a:.1} and of {b:.1} ms agree with it about as well"));
         }
         if footage.frames >= LEAST_FRAMES && certainty::known_hfov(&self.best.camera).is_none() {
-            let off = certainty::hfov(&self.best.camera).uncertainty;
-            missing.push(format!("the field of view stays uncertain by {off:.0} degrees ({:.0} at most would do)", limit.1));
+            let Estimate { value, uncertainty } = certainty::hfov(&self.best.camera);
+            missing.push(if uncertainty > limit.1 {
+                format!("the field of view stays uncertain by {uncertainty:.0} degrees ({:.0} at most would do)", limit.1)
+            } else {
+                format!("the field of view went to {value:.0} degrees, the edge of what is looked for")
+            });
         }
         if missing.is_empty() {
             return Ok(());
         }
         let what = format!(
-            "{name}: too little motion: {}; move the camera more, turning it left and right and up and down, before a scene that \
-             stands still, or leave the keys at \"auto\"",
+            "{name}: too little motion, or motion that does not tell: {}; move the camera more, turning it left and right and up and down, before a scene that \
+             stands still and is not near, without carrying it about, or leave the keys at \"auto\"",
             missing.join("; ")
         );
         Err(Failure::new(Exit::Inconclusive, what))

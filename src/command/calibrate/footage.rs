@@ -15,13 +15,14 @@ use super::super::progress::Progress;
 pub(super) const LEAST_MOTION_PX: f64 = 0.65;
 /// Readout times from which the search begins (frame intervals): the equations lead to the truth from within a third, and
 /// astray from farther away.
-const STARTS: [f64; 5] = [0.75, 0.35, 0.0, -0.35, -0.75];
+const STARTS: [f64; 7] = [0.75, 0.4, 0.15, 0.0, -0.15, -0.4, -0.75];
 /// Standard deviations with which each start is given (frame intervals; degrees).
 const SPREAD: (f64, f64) = (0.25, 15.0);
 /// Distance at which a track stops counting against an answer, about (pixels).
 const SCALE_PX: f64 = 0.5;
-/// Times the best answer is taken for a start again.
-const ROUNDS: usize = 2;
+/// Times an answer is taken for a start again, at most; fewer where it moves by less than [`SETTLED`] of its deviation.
+const ROUNDS: usize = 5;
+const SETTLED: f64 = 0.1;
 
 /// The tracks of a stream's frames.
 #[derive(Debug, Default)]
@@ -99,12 +100,27 @@ impl Footage {
         let mut answers: Vec<Answer> =
             starts.into_iter().chain(start.map(|camera| self.about(camera))).map(|start| self.answer(start)).collect();
         answers.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
-        let mut best = answers[0];
+        let apart = |a: &Answer, b: &Answer| (a.camera.readout_s - b.camera.readout_s).abs() > 0.1 * interval_s;
+        let best = self.settled(answers[0]);
+        // what is on its way to the best answer is no other one
+        let other = answers.into_iter().find(|other| apart(other, &best)).map(|other| self.settled(other));
+        (best, other.filter(|other| apart(other, &best)))
+    }
+
+    /// Where an answer leads to as the start of another search.
+    fn settled(&self, mut answer: Answer) -> Answer {
         for _ in 0..ROUNDS {
-            best = self.answer(self.about(&best.camera));
+            let before = answer.camera;
+            answer = self.answer(self.about(&before));
+            let moved = |to: f64, from: f64, deviation: f64| (to - from).abs() > SETTLED * deviation;
+            let now = &answer.camera;
+            if !moved(now.readout_s, before.readout_s, now.readout_deviation_s)
+                && !moved(now.hfov_deg, before.hfov_deg, now.hfov_deviation_deg)
+            {
+                break;
+            }
         }
-        let other = answers.into_iter().find(|other| (other.camera.readout_s - best.camera.readout_s).abs() > 0.1 * interval_s);
-        (best, other)
+        answer
     }
 
     /// What was found as a start: the value is used, its certainty is not, or the same frames would count twice.

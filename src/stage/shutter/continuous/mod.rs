@@ -37,7 +37,8 @@ const USUAL_HFOV_DEG: f64 = 60.0;
 const HFOV_SPREAD_DEG: f64 = 12.0;
 /// Longest readout time that is believed (frame intervals), and fields of view (degrees).
 const LONGEST_READOUT: f64 = 1.0;
-const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
+/// Fields of view that a camera may have (degrees): what is found out stays between.
+pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Before anything is measured.
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
