@@ -261,9 +261,7 @@ impl Stabilizer {
             let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for the part of a correction
-            let path = |correction: Pose, part: f64| {
-                self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]))
-            };
+            let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));
             let room = self.window.room(&view, self.smoother.correction(), |correction| {
                 self.shutter.map(&motion, path(correction, 1.0), rows, &view)
             });
