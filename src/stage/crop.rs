@@ -246,3 +246,56 @@ impl Window {
 fn soften(wanted: f64) -> f64 {
     if wanted <= KNEE { wanted } else { KNEE + (1.0 - KNEE) * ((wanted - KNEE) / (1.0 - KNEE)).tanh() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Pinhole, RowPoses};
+
+    #[test]
+    fn the_room_is_what_the_reach_says() {
+        let size = [640, 480];
+        let window = Window::new(&Params::default(), size, size);
+        let (view, camera) = (window.view(), Pinhole::new(size, 50.0));
+        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
+        for (i, pose) in rows.samples.iter_mut().enumerate() {
+            let t = i as f64 / 24.0 - 0.5;
+            *pose = [0.006 * t, 0.004 * t, 0.003 * t, 0.0];
+        }
+        let map =
+            |e: Pose| OutputMap::Rows { view: Homography(camera.turned(e.map(|x| -x)).0 * view.0).scaled(), camera, rows };
+        for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]] {
+            let room = window.room(&view, near, map);
+            for c in 0..4 {
+                for edge in room.of(c, &near, Rows::Moving) {
+                    // a zoom in uncovers nothing, except through the rows' motion and far beyond what is linear
+                    if edge.abs() > 0.2 {
+                        continue;
+                    }
+                    let mut at = near;
+                    at[c] = edge;
+                    let off = window.reach(&map(at), &view);
+                    assert!(
+                        (off - 1.0).abs() < if c == 3 { 0.06 } else { 0.03 },
+                        "channel {c} of {near:?} at its edge {edge}: reach {off}"
+                    );
+                }
+                let [low, high] = room.of(c, &[0.0; 4], Rows::Still);
+                assert!((high - room.half()[c]).abs().min((low + room.half()[c]).abs()) < 0.2 * room.half()[c]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_zoom_glides_and_arrives() {
+        let mut window = Window::new(&Params { zoom: 1.1 }, [640, 480], [640, 480]);
+        window.set_params(&Params { zoom: 1.3 });
+        let mut before = window.zoom;
+        for _ in 0..60 {
+            window.glide(1.0 / 30.0);
+            assert!(window.zoom >= before && window.zoom / before < 1.0034, "{before} to {}", window.zoom);
+            before = window.zoom;
+        }
+        assert_eq!(before, 1.3);
+    }
+}

@@ -8,122 +8,42 @@
 
 use std::f64::consts::TAU;
 
-/// The numbers, found by search.
-#[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "being tuned")]
-pub struct Tuning(pub [f64; 25]);
-impl Tuning {
-    pub const NAMES: [&str; 25] = [
-        "calm_hz",
-        "pan_hz",
-        "still",
-        "pull",
-        "pull_power",
-        "pan_still",
-        "pan_pull",
-        "fade_s",
-        "arrive_held_s",
-        "arrive_pan_s",
-        "brake_s",
-        "return_hz",
-        "strain_s",
-        "strain_pan",
-        "soft",
-        "soft_ahead_s",
-        "soft_s",
-        "soft_lasts",
-        "firm",
-        "firm_lasts",
-        "hard_lasts",
-        "roll",
-        "overload_s",
-        "overload",
-        "over_from",
-    ];
-    pub fn calm_hz(&self) -> f64 {
-        self.0[0]
-    }
-    pub fn pan_hz(&self) -> f64 {
-        self.0[1]
-    }
-    pub fn still(&self) -> f64 {
-        self.0[2]
-    }
-    pub fn pull(&self) -> f64 {
-        self.0[3]
-    }
-    pub fn pull_power(&self) -> f64 {
-        self.0[4]
-    }
-    pub fn pan_still(&self) -> f64 {
-        self.0[5]
-    }
-    pub fn pan_pull(&self) -> f64 {
-        self.0[6]
-    }
-    pub fn fade_s(&self) -> f64 {
-        self.0[7]
-    }
-    pub fn arrive_held_s(&self) -> f64 {
-        self.0[8]
-    }
-    pub fn arrive_pan_s(&self) -> f64 {
-        self.0[9]
-    }
-    pub fn brake_s(&self) -> f64 {
-        self.0[10]
-    }
-    pub fn return_hz(&self) -> f64 {
-        self.0[11]
-    }
-    pub fn strain_s(&self) -> f64 {
-        self.0[12]
-    }
-    pub fn strain_pan(&self) -> f64 {
-        self.0[13]
-    }
-    pub fn soft(&self) -> f64 {
-        self.0[14]
-    }
-    pub fn soft_ahead_s(&self) -> f64 {
-        self.0[15]
-    }
-    pub fn soft_s(&self) -> f64 {
-        self.0[16]
-    }
-    pub fn soft_lasts(&self) -> f64 {
-        self.0[17]
-    }
-    pub fn firm(&self) -> f64 {
-        self.0[18]
-    }
-    pub fn firm_lasts(&self) -> f64 {
-        self.0[19]
-    }
-    pub fn hard_lasts(&self) -> f64 {
-        self.0[20]
-    }
-    pub fn roll(&self) -> f64 {
-        self.0[21]
-    }
-    pub fn overload_s(&self) -> f64 {
-        self.0[22]
-    }
-    pub fn overload(&self) -> f64 {
-        self.0[23]
-    }
-    pub fn over_from(&self) -> f64 {
-        self.0[24]
-    }
-}
-impl Default for Tuning {
-    fn default() -> Self {
-        Self([
-            0.6584, 12.0, 0.8975, 25.5861, 1.8388, 0.0827, 28.1337, 0.5867, 0.021, 0.0756, 0.0247, 0.002, 0.1604, 0.6829,
-            0.8878, 0.012, 0.1386, 0.7057, 0.8942, 3.8167, 0.9268, 0.7, 1.0, 4.0, 0.3,
-        ])
-    }
-}
+// The numbers were found by search: on paths measured in clips of shake, of walking and of a pan.
+/// Low-pass of the camera's place while it is held, Hz.
+const CALM_HZ: f64 = 1.2;
+/// The same while it pans, Hz.
+const PAN_HZ: f64 = 12.0;
+/// Share of the window within which nothing pulls.
+const STILL: f64 = 0.8048;
+/// Pull where the share of the window is beyond that by 1, half windows / second^2.
+const PULL: f64 = 19.9;
+/// Its power of the share.
+const PULL_POWER: f64 = 0.926;
+/// Share of the window within which nothing pulls while it pans.
+const PAN_STILL: f64 = 0.036;
+/// Pull where the share of the window is beyond that by 1, half windows / second^2.
+const PAN_PULL: f64 = 19.9;
+/// Seconds in which speed fades while nothing pans.
+const FADE_S: f64 = 0.669;
+/// The way that is left is never covered faster than in so many seconds, held.
+const ARRIVE_HELD_S: f64 = 0.0251;
+/// The same, panning.
+const ARRIVE_PAN_S: f64 = 0.0783;
+/// Seconds in which too high a speed is braked.
+const BRAKE_S: f64 = 0.01;
+/// Slow return to the middle, Hz.
+const RETURN_HZ: f64 = 0.0061;
+/// Seconds for which the strain is remembered.
+const STRAIN_S: f64 = 0.1147;
+/// Way gone within that time, in half windows, that is a pan.
+const STRAIN_PAN: f64 = 0.5823;
+/// Seconds for which pushes are remembered.
+const OVERLOAD_S: f64 = 1.361;
+/// How much wider the window is wanted for each half window of way that was pushed forth and back within that time ...
+const OVERLOAD: f64 = 1.969;
+/// ... beyond so many.
+const OVER_FROM: f64 = 0.3064;
+
 /// What one channel remembers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Drive {
@@ -159,37 +79,37 @@ impl Drive {
 
     /// The virtual camera's new (place, speed) after `h` seconds, when it was at `place` with `speed`, the camera came to `camera`
     /// and half the window is `half` wide.
-    pub fn step(&mut self, [place, speed]: [f64; 2], camera: f64, half: f64, h: f64, t: &Tuning) -> [f64; 2] {
-        self.calm.step(t.calm_hz(), camera, h);
-        self.quick.step(t.pan_hz(), camera, h);
-        let pan = smooth(self.strain.abs() / t.strain_pan());
+    pub fn step(&mut self, [place, speed]: [f64; 2], camera: f64, half: f64, h: f64) -> [f64; 2] {
+        self.calm.step(CALM_HZ, camera, h);
+        self.quick.step(PAN_HZ, camera, h);
+        let pan = smooth(self.strain.abs() / STRAIN_PAN);
         let way = self.calm.place + (self.quick.place - self.calm.place) * pan - place;
         let share = way.abs() / half;
-        let mut pull = t.pull() * (share - t.still()).max(0.0).powf(t.pull_power());
+        let mut pull = PULL * (share - STILL).max(0.0).powf(PULL_POWER);
         if way * self.strain > 0.0 {
-            pull += pan * t.pan_pull() * (share - t.pan_still()).max(0.0);
+            pull += pan * PAN_PULL * (share - PAN_STILL).max(0.0);
         }
-        let mut speed = (speed + (pull * half * h).copysign(way)) * (-h * (1.0 - pan) / t.fade_s()).exp();
+        let mut speed = (speed + (pull * half * h).copysign(way)) * (-h * (1.0 - pan) / FADE_S).exp();
         let along = speed * way.signum();
-        let most = (share - t.pan_still()).max(0.0) * half / (t.arrive_held_s() + (t.arrive_pan_s() - t.arrive_held_s()) * pan);
+        let most = (share - PAN_STILL).max(0.0) * half / (ARRIVE_HELD_S + (ARRIVE_PAN_S - ARRIVE_HELD_S) * pan);
         let wanted = along.clamp(0.0, most).copysign(way);
-        speed += (wanted - speed) * (1.0 - (-h / t.brake_s()).exp());
-        [place + (speed + TAU * t.return_hz() * way) * h, speed]
+        speed += (wanted - speed) * (1.0 - (-h / BRAKE_S).exp());
+        [place + (speed + TAU * RETURN_HZ * way) * h, speed]
     }
 
     /// How many times wider the window would have to be for shake that it does not hold: 1 while it holds it, or while it is
     /// pushed one way alone.
-    pub fn wanting(&self, t: &Tuning) -> f64 {
-        1.0 + t.overload() * (self.pushed[0] - self.pushed[1].abs() - t.over_from()).max(0.0)
+    pub fn wanting(&self) -> f64 {
+        1.0 + OVERLOAD * (self.pushed[0] - self.pushed[1].abs() - OVER_FROM).max(0.0)
     }
 
     /// Takes in how far the virtual camera went, pushes included.
-    pub fn went(&mut self, way: f64, pushed: f64, half: f64, h: f64, t: &Tuning) {
+    pub fn went(&mut self, way: f64, pushed: f64, half: f64, h: f64) {
         let pushed = pushed / half;
         for (sum, way) in self.pushed.iter_mut().zip([pushed.abs(), pushed]) {
-            *sum += way - *sum * h / t.overload_s();
+            *sum += way - *sum * h / OVERLOAD_S;
         }
-        self.strain += way / half - self.strain * h / t.strain_s();
+        self.strain += way / half - self.strain * h / STRAIN_S;
     }
 }
 

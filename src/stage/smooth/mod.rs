@@ -1,12 +1,11 @@
 //! The virtual camera's path.
 //!
 //! Two drives say where it wants to go: the paper's low-pass ([`Mode::Iir`]) and one that uses the crop window for standing still
-//! ([`Mode::Adaptive`]). Both are pushed by the window's edges, in the same way: softly, from some way off, and against motion
-//! outwards alone, so that the virtual camera yields to the camera and is never thrown back. All in seconds, in steps far finer
-//! than a frame, so that the rate of the frames changes little.
+//! ([`Mode::Adaptive`]). Where the window does not hold what the low-pass wants, all of it is made smaller, and slowly grows back;
+//! what stands still is pushed along by the window's edges, against motion outwards alone, so that it yields to the camera and is
+//! never thrown back. All in seconds, in steps far finer than a frame, so that the rate of the frames changes little.
 
-#[allow(missing_docs)]
-pub mod adaptive;
+mod adaptive;
 mod iir;
 
 use std::f64::consts::TAU;
@@ -49,6 +48,22 @@ const ORDER: [usize; 4] = [3, 2, 0, 1];
 const CATCH_UP_S: f64 = 0.05;
 /// Seconds in which a place that had to be set back has gained the speed for it.
 const HARD_S: f64 = 1.0 / 30.0;
+/// Share of the window from which its edge pushes the speed.
+const SOFT: f64 = 0.97;
+/// Seconds ahead that it looks.
+const SOFT_AHEAD_S: f64 = 0.01;
+/// Seconds in which it pushes.
+const SOFT_S: f64 = 0.669;
+/// Part of that push that lasts.
+const SOFT_LASTS: f64 = 0.675;
+/// Share of the window from which its edge carries the place along, until at 1 nothing goes farther out.
+const FIRM: f64 = 0.955;
+/// Speed that lasts of it, per second.
+const FIRM_LASTS: f64 = 17.5;
+/// Part of the speed that lasts where the place had to be set back.
+const HARD_LASTS: f64 = 0.77;
+/// Part of the window that roll may take.
+const ROLL: f64 = 0.6855;
 /// Part of the window that is never used: what the window's description leaves out.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
@@ -61,8 +76,6 @@ pub struct Smoother {
     /// Strength as it is, on its way to the one that is wanted.
     strength: f64,
     state: Option<[Channel; 4]>,
-    /// T
-    pub tuning: adaptive::Tuning,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,7 +97,7 @@ struct Channel {
 impl Smoother {
     /// A virtual camera that has seen nothing.
     pub fn new(params: &Params) -> Self {
-        Self { params: *params, strength: params.strength, state: None, tuning: adaptive::Tuning::default() }
+        Self { params: *params, strength: params.strength, state: None }
     }
 
     /// Takes new settings; what changes glides.
@@ -105,7 +118,6 @@ impl Smoother {
 
     /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`.
     pub fn step(&mut self, camera: Pose, interval_s: f64, room: &Room) -> Pose {
-        let t = &self.tuning;
         let Some(state) = &mut self.state else {
             let at = |camera| Channel {
                 camera,
@@ -128,19 +140,19 @@ impl Smoother {
             let goal = self.params.strength.clamp(0.0, 1.0);
             self.strength += (goal - self.strength).clamp(-h / STRENGTH_S, h / STRENGTH_S);
             for c in ORDER {
-                let half = room.half()[c] * share(c, t) * self.strength;
+                let half = room.half()[c] * share(c) * self.strength;
                 let now = before[c] + slope[c] * h * k as f64;
-                let edges = allowed(room, c, state, self.strength, Rows::Still, t);
-                state[c].step(&self.params, now, slope[c], half, edges, h, t);
+                let edges = allowed(room, c, state, self.strength, Rows::Still);
+                state[c].step(&self.params, now, slope[c], half, edges, h);
             }
         }
         for c in ORDER {
             state[c].camera = camera[c];
-            let [low, high] = allowed(room, c, state, self.strength, Rows::Moving, t);
+            let [low, high] = allowed(room, c, state, self.strength, Rows::Moving);
             let channel = &mut state[c];
             let held = camera[c] + (channel.place - camera[c]).clamp(low, high);
-            channel.speed += t.hard_lasts() * channel.drive.wanting(t) * (held - channel.place) / HARD_S;
-            channel.inner += (held - channel.place) * channel.drive.wanting(t);
+            channel.speed += HARD_LASTS * channel.drive.wanting() * (held - channel.place) / HARD_S;
+            channel.inner += (held - channel.place) * channel.drive.wanting();
             channel.place = held;
             channel.hold_back();
         }
@@ -155,18 +167,19 @@ impl Smoother {
     }
 }
 
-/// The least and the most that channel `c` may correct, the others as they are.
-fn share(c: usize, t: &adaptive::Tuning) -> f64 {
-    [1.0, 1.0, t.roll(), 0.25][c]
+/// The part of the window that channel `c` may take.
+fn share(c: usize) -> f64 {
+    [1.0, 1.0, ROLL, 0.25][c]
 }
 
-fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64, rows: Rows, t: &adaptive::Tuning) -> [f64; 2] {
+/// The least and the most that channel `c` may correct, the others as they are.
+fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64, rows: Rows) -> [f64; 2] {
     let mut correction = state.map(|channel| channel.place - channel.camera);
-    if share(c, t) < 1.0 {
+    if share(c) < 1.0 {
         (correction[0], correction[1]) = (0.0, 0.0);
     }
     let whole = strength * (1.0 - SPARE);
-    let most = if share(c, t) < 1.0 { share(c, t) * room.half()[c] } else { f64::INFINITY };
+    let most = if share(c) < 1.0 { share(c) * room.half()[c] } else { f64::INFINITY };
     let [low, high] = room.of(c, &correction, rows);
     [low.max(-most) * whole, high.min(most) * whole]
 }
@@ -174,7 +187,7 @@ fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64, rows: Row
 impl Channel {
     /// `h` seconds in which the camera came to `camera` at `slope` units / second; `half` is half of the window, `window` what
     /// the correction may be.
-    fn step(&mut self, params: &Params, camera: f64, slope: f64, half: f64, window: [f64; 2], h: f64, t: &adaptive::Tuning) {
+    fn step(&mut self, params: &Params, camera: f64, slope: f64, half: f64, window: [f64; 2], h: f64) {
         let from = self.inner;
         if !half.is_finite() || half <= 0.0 {
             // a channel that moves nothing, or no window at all
@@ -185,12 +198,12 @@ impl Channel {
         }
         match params.mode {
             Mode::Adaptive => {
-                let wide = self.drive.wanting(t);
-                [self.inner, self.speed] = self.drive.step([self.inner, self.speed], camera, half * wide, h, t);
+                let wide = self.drive.wanting();
+                [self.inner, self.speed] = self.drive.step([self.inner, self.speed], camera, half * wide, h);
                 self.camera = camera;
                 let driven = self.inner;
-                self.push(slope, window.map(|edge| edge * wide), h, t);
-                self.drive.went(self.inner - from, self.inner - driven, half * wide, h, t);
+                self.push(slope, window.map(|edge| edge * wide), h);
+                self.drive.went(self.inner - from, self.inner - driven, half * wide, h);
                 self.place = camera + (self.inner - camera) / wide;
                 self.filter = iir::LowPass { input: camera, output: self.place, speed: self.speed };
             }
@@ -208,23 +221,23 @@ impl Channel {
     }
 
     /// What the window's edges do.
-    fn push(&mut self, slope: f64, [low, high]: [f64; 2], h: f64, t: &adaptive::Tuning) {
-        let least = (self.camera + t.soft() * low - self.inner) / t.soft_ahead_s();
-        let most = (self.camera + t.soft() * high - self.inner) / t.soft_ahead_s();
-        let push = (self.speed.max(least).min(most) - self.speed) * (1.0 - (-h / t.soft_s()).exp());
-        self.speed += t.soft_lasts() * push;
+    fn push(&mut self, slope: f64, [low, high]: [f64; 2], h: f64) {
+        let least = (self.camera + SOFT * low - self.inner) / SOFT_AHEAD_S;
+        let most = (self.camera + SOFT * high - self.inner) / SOFT_AHEAD_S;
+        let push = (self.speed.max(least).min(most) - self.speed) * (1.0 - (-h / SOFT_S).exp());
+        self.speed += SOFT_LASTS * push;
         self.inner += push * h;
         let correction = self.inner - self.camera;
         let outwards = slope - self.speed;
         if outwards * correction < 0.0 {
             let edge = if correction < 0.0 { low } else { high };
             let use_ = if edge == 0.0 { 1.0 } else { correction / edge };
-            let firm = adaptive::smooth((use_ - t.firm()) / (1.0 - t.firm()));
+            let firm = adaptive::smooth((use_ - FIRM) / (1.0 - FIRM));
             // no farther than back to where its edge begins
-            let most = correction.abs() - t.firm() * edge.abs();
+            let most = correction.abs() - FIRM * edge.abs();
             let way = (firm * outwards * h).clamp(-most.max(0.0), most.max(0.0));
             self.inner += way;
-            self.speed += t.firm_lasts() * way;
+            self.speed += FIRM_LASTS * way;
         }
         self.hold_back();
     }
