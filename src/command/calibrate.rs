@@ -179,7 +179,7 @@ impl Found {
                     100.0 * limit.0
                 )
             } else {
-                format!("a readout time of {value:.0} % of the frame interval cannot be")
+                format!("the readout time went to {value:.0} % of the frame interval, the edge of what can be")
             });
         } else if let Some(other) = &self.ambiguous {
             let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s);

@@ -21,6 +21,8 @@ pub const LIMIT: (f64, f64) = (0.1, 3.0);
 const STUCK_DEG: f64 = 0.1;
 /// No readout takes longer than the frame interval (frame intervals); a little is left for error.
 const LONGEST_READOUT: f64 = 1.05;
+/// Where the edge begins at which the model may have got stuck (frame intervals).
+const EDGE: f64 = 0.99;
 
 /// A value that was found out, and how far the truth may be from it, nearly always.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,11 +44,13 @@ pub fn hfov(found: &Calibration) -> Estimate {
     Estimate { value: found.hfov_deg, uncertainty: (FACTOR * found.hfov_deviation_deg).hypot(FLOOR.1) }
 }
 
-/// The readout time, where it was found out, and well enough to build on.
+/// The readout time, where it was found out, and well enough to build on. One that fills the frame interval is believed only where the
+/// field of view is known as well: where the model does not fit (a camera that travels), both go to their edges.
 pub fn known_readout(found: &Calibration, interval_s: f64) -> Option<Estimate> {
     let estimate = readout(found, interval_s);
     let sure = found.readout_deviation_s > 0.0 && estimate.uncertainty <= LIMIT.0 * interval_s;
-    (sure && estimate.value.abs() <= LONGEST_READOUT * interval_s).then_some(estimate)
+    let longest = if found.hfov_deviation_deg > 0.0 && known_hfov(found).is_none() { EDGE } else { LONGEST_READOUT };
+    (sure && estimate.value.abs() <= longest * interval_s).then_some(estimate)
 }
 
 /// The field of view, likewise.
@@ -75,6 +79,9 @@ mod tests {
         assert_eq!((known_readout(&vague, interval_s), known_hfov(&vague)), (None, None));
         assert_eq!(known_hfov(&Calibration { hfov_deg: HFOV_LIMITS_DEG[0], ..found }), None);
         assert_eq!(known_readout(&Calibration { readout_s: 0.0367, ..found }, interval_s), None);
+        let full = Calibration { readout_s: -interval_s, ..found };
+        assert_eq!(known_readout(&full, interval_s).map(|known| known.value), Some(-interval_s));
+        assert_eq!(known_readout(&Calibration { hfov_deg: HFOV_LIMITS_DEG[0], ..full }, interval_s), None);
         assert_eq!(known_readout(&Calibration::default(), interval_s), None);
     }
 }
