@@ -268,8 +268,8 @@ mod tests {
             let room = window.room(&view, near, map);
             for c in 0..4 {
                 for edge in room.of(c, &near, Rows::Moving) {
-                    // a zoom in uncovers nothing, except through the rows' motion and far beyond what is linear
-                    if edge.abs() > 0.2 {
+                    // a plane is exact near the correction it was made for, not right across the window
+                    if (edge - near[c]).abs() > 1.1 * room.half()[c] {
                         continue;
                     }
                     let mut at = near;
