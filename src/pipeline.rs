@@ -11,7 +11,7 @@ use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamF
 use crate::frame::{Frame, FrameContext, FrameFlags, HoldReason, Outcome, PassReason, Stage};
 use crate::geometry::Calibration;
 use crate::geometry::Pose;
-use crate::image::PictureRef;
+use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::{clock, stop::Stop};
 use crate::stage::shutter::{Known, Motion, Pair, Shutter};
@@ -87,6 +87,8 @@ pub struct Totals {
 pub struct Stabilizer {
     params: Params,
     level: Level,
+    input: [usize; 2],
+    sampling: Sampling,
     output: [usize; 2],
     nominal_s: f64,
     window: crop::Window,
@@ -135,6 +137,8 @@ impl Stabilizer {
         Self {
             params: *params,
             level,
+            input: [input.width as usize, input.height as usize],
+            sampling: input.sampling(),
             output: [output.width as usize, output.height as usize],
             nominal_s: if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 },
             window: crop::Window::default(),
@@ -166,6 +170,16 @@ impl Stabilizer {
         (self.params.smooth, self.params.crop) = (params.smooth, params.crop);
         self.smoother.set_params(&params.smooth);
         self.window.set_params(&params.crop);
+    }
+
+    /// A frame to fill, with room for all that it will hold: whenever it is first used, it takes no memory then.
+    pub fn empty_frame(&self) -> Box<Frame> {
+        let mut frame = Box::<Frame>::default();
+        let [width, height] = self.input;
+        frame.picture.reshape(self.sampling, width, height);
+        pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid);
+        frame.context.tracks.reserve(2 * self.params.detect.points as usize);
+        frame
     }
 
     /// Takes a frame in and finds out how the camera moved.
@@ -351,7 +365,7 @@ pub fn run_inline(
         if stop.is_set() {
             break Ok(());
         }
-        let mut frame: Box<Frame> = pool.pop().unwrap_or_default();
+        let mut frame: Box<Frame> = pool.pop().unwrap_or_else(|| stabilizer.empty_frame());
         match source.lend() {
             Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
             Ok(Lent::Idle) => {

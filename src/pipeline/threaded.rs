@@ -36,7 +36,7 @@ pub fn run_threaded(
     let (free, empty) = bounded::<Box<Frame>>(FRAMES);
     for _ in 0..FRAMES {
         // the channel has room for every frame there is, so neither this nor giving back ever fails
-        let _ = free.send(Box::default());
+        let _ = free.send(stabilizer.empty_frame());
     }
     let (full, mailbox) = bounded::<Box<Frame>>(match pace {
         Pace::Live => 1,
