@@ -44,6 +44,8 @@ pub fn run_threaded(
     });
     let stealing = (pace == Pace::Live).then(|| mailbox.clone());
     let over = &Stop::default();
+    // while this end lives, no frame is given back to nobody and freed on the frame path
+    let _pool = empty.clone();
     std::thread::scope(|scope| {
         let capture = std::thread::Builder::new().name("capture".into()).spawn_scoped(scope, move || {
             let hand_over = HandOver { empty, full, stealing };
