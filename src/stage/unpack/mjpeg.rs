@@ -78,7 +78,7 @@ impl Mjpeg {
             YuvImage { pixels: &mut self.planes[..], width: size.0, align: 1, height: size.1, subsamp: header.subsamp };
         match decoder.decompress_to_yuv(bytes, output) {
             Ok(()) => Ok(header.subsamp),
-            Err(error) if is_harmless(&error) => Ok(header.subsamp),
+            Err(error) if is_harmless(&error) && has_end(bytes) => Ok(header.subsamp),
             Err(error) => Err(damaged(error)),
         }
     }
@@ -131,10 +131,16 @@ fn check(header: &DecompressHeader, expected: (usize, usize)) -> Result<(), Unpa
 /// Stray bytes before the end that are forgiven; what is left over of a picture that lost its way is more.
 const MOST_STRAY: u32 = 16;
 
+/// Whether the picture's last bytes are its end marker, but for the zeros that cameras fill their buffers up with.
+fn has_end(bytes: &[u8]) -> bool {
+    let last = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
+    bytes[..last].ends_with(&[0xff, 0xd9])
+}
+
 /// Whether the decoder only complains of what many cameras do in every frame, the picture being whole: a few stray bytes before
 /// the end marker (the samples before them were read without complaint, or that would be the message), or a scan header that
 /// names no sequential scan (the decoder then ignores it; but as it tells only of its first complaint, smaller damage within such
-/// a picture goes unnoticed).
+/// a picture goes unnoticed; a missing end does not, see [`has_end`]).
 fn is_harmless(error: &turbojpeg::Error) -> bool {
     let turbojpeg::Error::TurboJpegError(what) = error else { return false };
     if what.contains("Invalid SOS parameters for sequential JPEG") {
