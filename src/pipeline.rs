@@ -272,7 +272,9 @@ impl Stabilizer {
             let trust = self.trust.step(motion.confidence, interval_s);
             self.window.glide(interval_s);
             let view = self.window.view();
-            let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
+            let rows = trust
+                * motion.rows_part
+                * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for the part of a correction
             let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));

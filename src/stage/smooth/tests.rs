@@ -132,7 +132,8 @@ fn what_only_shakes_is_held_still() {
     for rate in [15.0, 30.0, 60.0] {
         let path = |t: f64| [9.0 * (TAU * 3.0 * t).sin(), 7.0 * (TAU * 2.3 * t).sin(), 2.0 * (TAU * 1.7 * t).sin(), 0.0];
         for (_, place) in follow(params, rate, 6.0, path) {
-            assert!(place.iter().all(|p| p.abs() < 0.25), "{rate} fps: {place:?}");
+            // of a shake of 9 pixels; what is left drifts, slowly, to where the window leaves it most room
+            assert!(place.iter().all(|p| p.abs() < 0.4), "{rate} fps: {place:?}");
         }
     }
     for (camera, place) in follow(params, 30.0, 3.0, |_| [3.0, -2.0, 0.5, 0.1]) {
