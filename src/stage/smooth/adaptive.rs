@@ -11,7 +11,7 @@ const LEAST_TICK_S: f64 = 0.8 / 30.0;
 const OFF: f64 = 1.3;
 
 /// After a push, the way to the camera is not covered faster than in so many ticks.
-const CATCH_UP_TICKS: f64 = 3.0;
+const CATCH_UP_TICKS: f64 = 2.0;
 
 /// One channel of the virtual camera.
 #[derive(Clone, Debug)]
