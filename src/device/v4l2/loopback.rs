@@ -180,7 +180,7 @@ impl Loopback {
     fn send(&mut self, index: usize, time_ns: i64) -> Result<(), DeviceError> {
         // Readers take it ill when time goes back, as from a picture sent again to one that a camera took before that; and V4L2
         // carries whole microseconds, of which zero would mean "now": v4l2loopback wants always or never.
-        let time_ns = time_ns.min(monotonic_ns()).max(self.last_time_ns.saturating_add(1000)).max(1000);
+        let time_ns = time_ns.max(self.last_time_ns.saturating_add(1000)).max(1000);
         self.last_time_ns = time_ns;
         self.queue.enqueue(index, self.whole, time_ns).map_err(|errno| self.queue.node().error("send a frame to", errno))?;
         self.last = Some(index);
