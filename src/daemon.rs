@@ -410,9 +410,10 @@ impl Life<'_> {
         if let Some(mut screen) = self.screen.take() {
             if self.patient && screen.audience.seats().are_taken() {
                 screen.loopback.hand_over();
+            } else {
+                // What is left behind in the device is not what the camera saw.
+                let _ = screen.clear();
             }
-            // What is left behind in the device is not what the camera saw.
-            let _ = screen.clear();
         }
     }
 }

@@ -7,12 +7,11 @@ all of it, and looks at what it leaves lying about.
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import time
 
-from rig import Camera, Daemon, Reader, Report, camera_appears, identity, identity_or_none, loopback, nodes, now, percentile, until
+from rig import Camera, Daemon, Manager, Reader, Report, camera_appears, identity, identity_or_none, loopback, nodes, now, percentile, until
 
 ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 200
 SEED = int(sys.argv[3]) if len(sys.argv) > 3 else 1
@@ -30,26 +29,6 @@ def module():
 
 
 MODULE = module()
-
-
-class Manager:
-    """The service manager, as far as the daemon can tell: somebody who listens."""
-
-    def __init__(self):
-        self.path = "/tmp/gimbald-notify"
-        if os.path.exists(self.path):
-            os.unlink(self.path)
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind(self.path)
-        self.socket.setblocking(False)
-        self.heard = []
-
-    def listen(self):
-        while True:
-            try:
-                self.heard += self.socket.recv(4096).decode(errors="replace").split("\n")
-            except BlockingIOError:
-                return
 
 
 manager = Manager()
