@@ -49,9 +49,12 @@ def programs(pixel, frames):
     ffmpeg = {"yuyv": "yuyv422", "i420": "yuv420p", "nv12": "nv12"}[pixel]
     run(f"v4l2-ctl, {pixel}", size, frames,
         ["v4l2-ctl", "-d", out, "--stream-mmap", f"--stream-count={frames}", "--stream-to=-"])
+    # ffmpeg fills the time between the placeholder and the first live picture with the former, at the full rate
+    frames *= 3
     run(f"ffmpeg, {pixel}", size, frames,
         ["ffmpeg", "-nostdin", "-loglevel", "error", "-f", "v4l2", "-i", out, "-frames:v", str(frames), "-f", "rawvideo",
          "-pix_fmt", ffmpeg, "-"])
+    frames //= 3
     run(f"gst-launch, {pixel}", size, frames,
         ["gst-launch-1.0", "-q", "v4l2src", f"device={out}", f"num-buffers={frames}", "!",
          f"video/x-raw,format={gst},width={WIDTH},height={HEIGHT}", "!", "fdsink", "fd=1"])
