@@ -31,6 +31,8 @@ pub enum Kind {
     Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
     /// One of a few words.
     Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
+    /// `true` or `false`.
+    Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
     /// Any text that is not empty; numbers are taken as their digits.
     Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
 }
@@ -44,6 +46,8 @@ pub(super) enum Written {
     Float(f64),
     /// A word or quoted text.
     Text(String),
+    /// `true` or `false`.
+    Truth(bool),
     /// Something no key accepts, by its TOML name.
     Other(&'static str),
 }
@@ -66,6 +70,7 @@ impl Key {
             Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),
             Kind::Count { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
+            Kind::Switch { get, .. } => get(settings).to_string(),
             Kind::Text { get, .. } => quoted(get(settings)),
         }
     }
@@ -81,6 +86,7 @@ impl Key {
                 let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
                 words.join(", ")
             }
+            Kind::Switch { .. } => "true, false".into(),
             Kind::Text { .. } => "any text".into(),
         }
     }
@@ -92,6 +98,7 @@ impl Key {
             Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
+            Kind::Switch { .. } => "true or false, without quotes".into(),
             Kind::Text { .. } => "text that is not empty".into(),
         };
         if !self.unit.is_empty() {
@@ -140,6 +147,10 @@ impl Key {
                     set(settings, word);
                 }
                 fits
+            }
+            (Kind::Switch { set, .. }, Written::Truth(truth)) => {
+                set(settings, *truth);
+                true
             }
             (Kind::Text { set, .. }, Written::Text(text)) if !text.trim().is_empty() && !text.contains('\0') => {
                 set(settings, text.clone());

@@ -59,6 +59,11 @@ macro_rules! choice {
     };
 }
 
+/// True or false.
+macro_rules! switch {
+    ($($field:ident).+) => { Kind::Switch { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
@@ -235,6 +240,27 @@ pub const KEYS: &[Key] = &[
             "i420" => PixelFormat::I420,
             "nv12" => PixelFormat::Nv12,
         ),
+    },
+    Key {
+        name: "output.create",
+        unit: "",
+        doc: "Whether to make the device where none answers; needs v4l2loopback 0.13 loaded and the right to /dev/v4l2loopback.",
+        live: false,
+        kind: switch!(output.create),
+    },
+    Key {
+        name: "output.on_demand",
+        unit: "",
+        doc: "Whether the camera is open, and its light on, only while a program watches; false keeps it running.",
+        live: false,
+        kind: switch!(output.on_demand),
+    },
+    Key {
+        name: "output.linger_s",
+        unit: "s",
+        doc: "On demand: how long the camera stays open when nobody watches any more.",
+        live: false,
+        kind: number!(output.linger_s, 0.0 to 3600.0),
     },
     Key {
         name: "log.level",

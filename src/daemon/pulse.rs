@@ -14,6 +14,7 @@ use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 
+use super::audience::Seats;
 use super::memory::Memory;
 
 /// How often the status line is told anew, at most.
@@ -163,6 +164,8 @@ pub(super) fn attend(pulse: &Pulse, memory: &Memory, done: &Wake) {
 pub(super) struct Attended<'a> {
     pub(super) camera: &'a mut Capture,
     pub(super) pulse: &'a Pulse,
+    /// Those who want it, where nobody else does.
+    pub(super) audience: Option<Seats>,
     /// Whether it was the camera that ended the run.
     pub(super) failed: bool,
 }
@@ -173,6 +176,9 @@ impl FrameSource for Attended<'_> {
     }
 
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
+            return Ok(Lent::End);
+        }
         match self.camera.lend() {
             Ok(Lent::Idle) => {
                 self.pulse.camera_idle();
