@@ -29,10 +29,14 @@ pub enum Kind {
     NumberOrAuto { range: (f64, f64), get: fn(&Settings) -> Option<f64>, set: fn(&mut Settings, Option<f64>) },
     /// A whole number within `range`, ends included: the least, and every `step`th above.
     Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
+    /// true or false.
+    Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
     /// One of a few words.
     Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
     /// Any text that is not empty; numbers are taken as their digits.
     Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
+    /// Text of a form that `fits` knows, and `expected` says in words.
+    Form { expected: &'static str, fits: fn(&str) -> bool, get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
 }
 
 /// A value as it was written, before it is known to fit its key.
@@ -42,6 +46,8 @@ pub(super) enum Written {
     Integer(Option<i64>),
     /// A number with a point or exponent, `nan` or `inf`.
     Float(f64),
+    /// true or false.
+    Switch(bool),
     /// A word or quoted text.
     Text(String),
     /// Something no key accepts, by its TOML name.
@@ -65,8 +71,9 @@ impl Key {
             Kind::Number { get, .. } => format!("{:?}", get(settings)),
             Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),
             Kind::Count { get, .. } => get(settings).to_string(),
+            Kind::Switch { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
-            Kind::Text { get, .. } => quoted(get(settings)),
+            Kind::Text { get, .. } | Kind::Form { get, .. } => quoted(get(settings)),
         }
     }
 
@@ -81,7 +88,9 @@ impl Key {
                 let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
                 words.join(", ")
             }
+            Kind::Switch { .. } => "true, false".into(),
             Kind::Text { .. } => "any text".into(),
+            Kind::Form { expected, .. } => (*expected).into(),
         }
     }
 
@@ -92,12 +101,26 @@ impl Key {
             Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
+            Kind::Switch { .. } => "true or false".into(),
             Kind::Text { .. } => "text that is not empty".into(),
+            Kind::Form { expected, .. } => (*expected).into(),
         };
         if !self.unit.is_empty() {
             let _ = write!(phrase, " ({})", self.unit);
         }
         phrase
+    }
+
+    /// Takes the value that `from` has into `settings`.
+    pub fn copy(&self, from: &Settings, settings: &mut Settings) {
+        match &self.kind {
+            Kind::Number { get, set, .. } => set(settings, get(from)),
+            Kind::NumberOrAuto { get, set, .. } => set(settings, get(from)),
+            Kind::Count { get, set, .. } => set(settings, get(from)),
+            Kind::Switch { get, set } => set(settings, get(from)),
+            Kind::Choice { get, set, .. } => set(settings, get(from)),
+            Kind::Text { get, set } | Kind::Form { get, set, .. } => set(settings, get(from).to_owned()),
+        }
     }
 
     /// Takes `value` into `settings`; `false`, and nothing is changed, where the key does not accept it.
@@ -133,6 +156,14 @@ impl Key {
                     set(settings, count);
                 }
                 fits
+            }
+            (Kind::Switch { set, .. }, Written::Switch(on)) => {
+                set(settings, *on);
+                true
+            }
+            (Kind::Form { fits, set, .. }, Written::Text(text)) if fits(text) => {
+                set(settings, text.clone());
+                true
             }
             (Kind::Choice { words, set, .. }, Written::Text(word)) => {
                 let fits = words.contains(&word.as_str());

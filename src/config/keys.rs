@@ -59,6 +59,11 @@ macro_rules! choice {
     };
 }
 
+/// true or false: `switch!(path.to.field)`.
+macro_rules! switch {
+    ($($field:ident).+) => { Kind::Switch { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
@@ -117,21 +122,21 @@ pub const KEYS: &[Key] = &[
         name: "camera.readout_ms",
         unit: "ms",
         doc: "Time from the exposure of the first row to that of the last, negative from bottom to top; \"auto\" finds it out.",
-        live: true,
+        live: false,
         kind: known!(pipeline.camera.readout_ms, -100.0 to 100.0),
     },
     Key {
         name: "camera.hfov_deg",
         unit: "degrees",
         doc: "Horizontal field of view; \"auto\" finds it out.",
-        live: true,
+        live: false,
         kind: known!(pipeline.camera.hfov_deg, 10.0 to 170.0),
     },
     Key {
         name: "track.points",
         unit: "count",
         doc: "Points followed at a time, spread over the picture.",
-        live: true,
+        live: false,
         kind: count!(pipeline.detect.points: u32, 50 to 2000),
     },
     Key {
@@ -145,7 +150,7 @@ pub const KEYS: &[Key] = &[
         name: "track.window",
         unit: "pixels",
         doc: "Side of the square window that is compared around a point.",
-        live: true,
+        live: false,
         kind: count!(pipeline.track.window: u32, 8 to 24, by 8),
     },
     Key {
@@ -173,7 +178,7 @@ pub const KEYS: &[Key] = &[
         name: "fit.seed",
         unit: "",
         doc: "Seed of the random choice of hypotheses; the same input and seed give the same bytes.",
-        live: true,
+        live: false,
         kind: count!(pipeline.fit.seed: u64, 0 to i64::MAX as u64),
     },
     Key {
@@ -189,6 +194,13 @@ pub const KEYS: &[Key] = &[
         doc: "cho2007: \"time-t\" looks at the next frame (one frame late, steadier), \"time-t+1\" at the one before (no latency).",
         live: false,
         kind: choice!(pipeline.shutter.parameters, "time-t" => Parameters::TimeT, "time-t+1" => Parameters::TimeT1),
+    },
+    Key {
+        name: "stabilize.enabled",
+        unit: "",
+        doc: "Whether shake is taken out; false shows the camera's picture with nothing but the crop.",
+        live: true,
+        kind: switch!(pipeline.enabled),
     },
     Key {
         name: "smooth.mode",

@@ -143,7 +143,9 @@ proptest! {
                     }
                     Kind::Count { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
                     Kind::Choice { words, get, .. } => prop_assert!(words.contains(&get(&settings))),
+                    Kind::Switch { .. } => {}
                     Kind::Text { get, .. } => prop_assert!(!get(&settings).is_empty()),
+                    Kind::Form { fits, get, .. } => prop_assert!(fits(get(&settings))),
                 }
             }
         }
@@ -162,6 +164,8 @@ proptest! {
                 set(&mut settings, low + count % ((high - low) / step + 1) * step);
             }
             Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
+            Kind::Switch { set, .. } => set(&mut settings, count % 2 == 0),
+            Kind::Form { .. } => {}
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
         }
         let file = format!("[{}]\n{} = {}\n", key.section(), key.short_name(), key.shown(&settings));
