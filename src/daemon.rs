@@ -6,9 +6,10 @@ mod pulse;
 use std::time::{Duration, Instant};
 
 use crate::config::Settings;
+use crate::control::{CameraNow, Desk, Lost, OutputNow, Server, State};
 use crate::device::v4l2::{Capture, Loopback, LoopbackParams};
-use crate::device::{DeviceError, FrameSource};
-use crate::pipeline::{Pace, Params, run_threaded};
+use crate::device::{DeviceError, FrameSink, FrameSource};
+use crate::pipeline::{Params, run_live};
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
@@ -38,11 +39,14 @@ pub struct ExitReport {
 ///
 /// # Errors
 /// Where the loopback cannot be opened or fails, and where the camera cannot do what is configured.
-pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
+pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
-    let pulse = Pulse::new(systemd);
+    let settings = &desk.settings();
+    let pulse = Pulse::new(systemd, desk);
     let memory = Memory::open(Systemd::state_directory().as_deref());
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let server = Server::open(&settings.control, &settings.metrics.listen, Systemd::runtime_directory());
+    let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.
         let _bell = RingAtEnd(&done);
@@ -51,9 +55,16 @@ pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, 
                 std::thread::Builder::new().name("watchdog".into()).spawn_scoped(scope, || attend(&pulse, &memory, &done));
             attending.map_err(|error| DeviceError::io("watchdog thread", "start", error))?;
         }
+        let _answered = RingAtEnd(&answered);
+        if let Some(server) = &server {
+            let serving = || server.serve(desk, &answered);
+            let serving = std::thread::Builder::new().name("control".into()).spawn_scoped(scope, serving);
+            serving.map_err(|error| DeviceError::io("control thread", "start", error))?;
+        }
         let mut life =
-            Life { settings, stop, wake, pulse: &pulse, memory: &memory, loopback: None, report: ExitReport::default() };
+            Life { settings, desk, stop, wake, pulse: &pulse, memory: &memory, loopback: None, report: ExitReport::default() };
         let ended = life.live();
+        desk.tally.is_at(State::Stopping, "stopping");
         systemd.stopping();
         let (frames, stabilized) = pulse.sent();
         ended.map(|()| ExitReport { frames, stabilized, ..life.report })
@@ -80,9 +91,10 @@ enum Ended {
 
 struct Life<'a> {
     settings: &'a Settings,
+    desk: &'a Desk,
     stop: &'a Stop,
     wake: &'a Wake,
-    pulse: &'a Pulse,
+    pulse: &'a Pulse<'a>,
     memory: &'a Memory,
     /// Opened with the first camera, in its size, and kept: who watches it never loses it.
     loopback: Option<Loopback>,
@@ -139,10 +151,13 @@ impl Life<'_> {
         tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
         self.pulse.doing(format!("{from} ({mode}) to {to}"), true);
         let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
-        let params = Params { camera: known, ..self.settings.pipeline };
+        let params = Params { camera: known, ..self.desk.live.params() };
+        self.desk.tally.camera(camera_now(&camera));
+        self.desk.tally.output(output_now(loopback));
         let mut observer = self.pulse;
-        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, failed: false };
-        let ran = run_threaded(&mut attended, loopback, &params, self.stop, &mut observer, Pace::Live);
+        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, told: Lost::default(), failed: false };
+        let ran = run_live(&mut attended, loopback, &params, &self.desk.live, self.stop, &mut observer);
+        self.desk.tally.no_camera();
         self.memory.end(&self.pulse.take_calibration());
         match ran {
             Ok(totals) => {
@@ -180,6 +195,32 @@ impl Life<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// A camera as the status tells it.
+fn camera_now(camera: &Capture) -> CameraNow {
+    let format = camera.format();
+    let (name, bus) = camera.name_and_bus();
+    CameraNow {
+        path: camera.path().display().to_string(),
+        name,
+        bus,
+        format: format.pixel.to_string(),
+        width: format.width,
+        height: format.height,
+        fps: format.rate(),
+    }
+}
+
+/// The loopback as the status tells it.
+fn output_now(loopback: &Loopback) -> OutputNow {
+    let format = loopback.format();
+    OutputNow {
+        path: loopback.path().display().to_string(),
+        format: format.pixel.to_string(),
+        width: format.width,
+        height: format.height,
     }
 }
 

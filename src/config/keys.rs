@@ -1,6 +1,6 @@
 //! The table of every configuration key.
 
-use super::{Key, Kind, Level};
+use super::{Control, Key, Kind, Level, Metrics};
 use crate::image::PixelFormat;
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
@@ -67,6 +67,18 @@ macro_rules! switch {
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
+/// Text of a certain form: `form!(path.to.field, "what it is", the test)`.
+macro_rules! form {
+    ($($field:ident).+, $expected:literal, $fits:expr) => {
+        Kind::Form {
+            expected: $expected,
+            fits: $fits,
+            get: |s| &s.$($field).+,
+            set: |s, value| s.$($field).+ = value,
+        }
+    };
 }
 
 /// Every key, section by section, in the order in which the shipped file has them.
@@ -260,6 +272,34 @@ pub const KEYS: &[Key] = &[
             "debug" => Level::Debug,
             "trace" => Level::Trace,
         ),
+    },
+    Key {
+        name: "control.socket",
+        unit: "",
+        doc: "Unix socket for gimbald status, on, off, set, reload; \"auto\" is control.sock in the runtime directory.",
+        live: false,
+        kind: form!(control.socket, "\"auto\", \"off\" or an absolute path", Control::is_place),
+    },
+    Key {
+        name: "control.mode",
+        unit: "",
+        doc: "Who may use the socket, as permissions: \"0660\" its owner and group, \"0600\" its owner, \"0666\" everybody.",
+        live: false,
+        kind: form!(control.mode, "permissions in octal digits, as \"0660\"", Control::is_mode),
+    },
+    Key {
+        name: "control.group",
+        unit: "",
+        doc: "Group of the socket, by name or number; \"own\" is the daemon's (as shipped, video).",
+        live: false,
+        kind: text!(control.group),
+    },
+    Key {
+        name: "metrics.listen",
+        unit: "",
+        doc: "Address at which Prometheus is answered, on this machine alone; gimbald status --prometheus needs none.",
+        live: false,
+        kind: form!(metrics.listen, "\"off\" or a loopback address with port, as \"127.0.0.1:9464\"", Metrics::is_listen),
     },
 ];
 
