@@ -131,7 +131,7 @@ struct Looking {
 impl Observer for Looking {
     fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
         self.seen += frame.context.tracks.len() as u64 + output.width() as u64;
-        if frame.stamp.sequence % 4 == 0 {
+        if frame.stamp.sequence.is_multiple_of(4) {
             let params = self.live.params();
             self.live.set(&Params { enabled: !params.enabled, ..params });
         }
