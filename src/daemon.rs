@@ -1,26 +1,45 @@
 //! A life: devices, pipeline, READY, watch; the camera goes and comes back; STOPPING, and an end that leaves both devices usable.
 
+mod audience;
+mod demand;
 mod memory;
 mod pulse;
+mod screen;
 
 use std::time::{Duration, Instant};
 
+use crossbeam_channel::{RecvTimeoutError, bounded};
+
 use crate::config::Settings;
 use crate::control::{CameraNow, Desk, Lost, OutputNow, Server, State};
-use crate::device::v4l2::{Capture, Loopback, LoopbackParams};
-use crate::device::{DeviceError, FrameSink, FrameSource};
+use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News, find_again};
+use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
+use crate::image::PixelFormat;
 use crate::pipeline::{Params, run_live};
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 use memory::{Memory, Mode};
 use pulse::{Attended, Pulse, attend};
+use screen::{SHOW_EVERY, Screen};
 
 /// From the first try again to the slowest.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(250), Duration::from_secs(5));
 
 /// A service whose camera is not there is ready too, after this long: nothing that waits for it (the boot) is held up.
 const READY_WITHOUT_CAMERA: Duration = Duration::from_secs(20);
+
+/// Where nobody watches, the daemon looks around this often: often enough for any watchdog worth having.
+const ROUND: Duration = Duration::from_secs(1);
+
+/// A camera that takes longer than this to open is no sign of life.
+const LONGEST_OPENING: Duration = Duration::from_secs(10);
+
+/// "auto" waits this long for the camera that it had, before it takes another.
+const FAITHFUL: Duration = Duration::from_secs(10);
+
+/// Size and rate of a camera that was never seen.
+const USUAL: (u32, u32, f64) = (1280, 720, 30.0);
 
 /// What came of a life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,10 +54,12 @@ pub struct ExitReport {
 
 /// Stabilizes the camera's picture into the loopback until `stop` is set (and `wake` rung, so that it is seen at once).
 ///
-/// A camera that is absent, busy or goes away is waited for; the loopback stays open meanwhile and shows the last picture.
+/// The camera is open while somebody watches the loopback (or always, if the settings say so). One that is absent, busy or goes away
+/// is waited for; the loopback stays open meanwhile and shows a placeholder. A loopback that goes away is waited for as well.
 ///
 /// # Errors
-/// Where the loopback cannot be opened or fails, and where the camera cannot do what is configured.
+/// Where the loopback or the camera cannot do what is configured from the beginning and nobody manages this as a service: a
+/// service waits, and says for what.
 pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
     let settings = &desk.settings();
@@ -61,11 +82,27 @@ pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceEr
             let serving = std::thread::Builder::new().name("control".into()).spawn_scoped(scope, serving);
             serving.map_err(|error| DeviceError::io("control thread", "start", error))?;
         }
-        let mut life =
-            Life { settings, desk, stop, wake, pulse: &pulse, memory: &memory, loopback: None, report: ExitReport::default() };
+        let hotplug = Hotplug::new().inspect_err(|error| tracing::warn!(%error, "devices that come are seen later")).ok();
+        let mut life = Life {
+            settings,
+            desk,
+            stop,
+            wake,
+            pulse: &pulse,
+            memory: &memory,
+            hotplug,
+            patient: systemd.listens(),
+            born: Instant::now(),
+            screen: None,
+            known: None,
+            lost: None,
+            backoff: Backoff::default(),
+            report: ExitReport::default(),
+        };
         let ended = life.live();
         desk.tally.is_at(State::Stopping, "stopping");
         systemd.stopping();
+        life.leave();
         let (frames, stabilized) = pulse.sent();
         ended.map(|()| ExitReport { frames, stabilized, ..life.report })
     })
@@ -81,10 +118,12 @@ impl Drop for RingAtEnd<'_> {
 
 /// Why the pipeline does not run.
 enum Ended {
-    /// Nobody wants it to.
-    Stopped,
-    /// What it needs is not there now.
-    Waiting(DeviceError),
+    /// Nobody wants it to, for now or for good.
+    Unwanted,
+    /// The camera is not there now.
+    CameraWaits(DeviceError),
+    /// The loopback is not there now.
+    ScreenWaits(DeviceError),
     /// What it needs will not come by waiting.
     Failed(DeviceError),
 }
@@ -96,105 +135,296 @@ struct Life<'a> {
     wake: &'a Wake,
     pulse: &'a Pulse<'a>,
     memory: &'a Memory,
-    /// Opened with the first camera, in its size, and kept: who watches it never loses it.
-    loopback: Option<Loopback>,
+    hotplug: Option<Hotplug>,
+    /// Nobody sits by: what does not work is waited for from the beginning.
+    patient: bool,
+    born: Instant,
+    /// Opened first and kept: who watches it never loses it.
+    screen: Option<Screen>,
+    /// Name and bus of the camera that was open last, and when it was lost.
+    known: Option<(String, String)>,
+    lost: Option<Instant>,
+    backoff: Backoff,
     report: ExitReport,
+}
+
+/// How long to wait for what is not there, and what was said of it.
+#[derive(Debug)]
+struct Backoff {
+    pause: Duration,
+    told: String,
+}
+
+impl Default for Backoff {
+    fn default() -> Self {
+        Self { pause: BACKOFF.0, told: String::new() }
+    }
 }
 
 impl Life<'_> {
     fn live(&mut self) -> Result<(), DeviceError> {
-        let born = Instant::now();
-        let mut pause = BACKOFF.0;
-        let mut told = String::new();
         while !self.stop.is_set() {
             let sent = self.pulse.sent().0;
-            let error = match self.stream() {
-                Ended::Stopped => break,
-                Ended::Failed(error) => return Err(error),
-                Ended::Waiting(error) => error,
-            };
+            let ended = self.go_on();
             if self.pulse.sent().0 > sent {
-                pause = BACKOFF.0;
-                told.clear();
+                self.backoff = Backoff::default();
             }
-            // Once for each state, not for each try.
-            let state = error.to_string();
-            if state != told {
-                tracing::warn!("waiting for the camera: {state}");
-                self.pulse.doing(format!("waiting for the camera: {state}"), false);
-                told = state;
+            match ended {
+                Ended::Unwanted => {}
+                Ended::Failed(error) => return Err(error),
+                Ended::CameraWaits(error) => {
+                    self.tell(format!("waiting for the camera: {error}"));
+                    self.wait();
+                }
+                Ended::ScreenWaits(error) => {
+                    self.screen = None;
+                    self.desk.tally.no_output();
+                    self.tell(format!("waiting for the loopback: {error}"));
+                    self.wait();
+                }
             }
-            self.wait(pause, born)?;
-            pause = (2 * pause).min(BACKOFF.1);
         }
         Ok(())
     }
 
-    /// Opens what is not open and streams until something ends it.
-    fn stream(&mut self) -> Ended {
-        let mut camera = match Capture::open(&self.settings.camera.params(), self.wake.clone()) {
-            Ok(camera) => camera,
-            Err(error) => return self.judge(error),
-        };
-        self.report.cameras += 1;
-        let loopback = match &mut self.loopback {
-            Some(loopback) => loopback,
-            none => match Loopback::open(&loopback_params(self.settings, &camera)) {
-                Ok(loopback) => none.insert(loopback),
-                Err(error @ DeviceError::Busy { .. }) => return Ended::Waiting(error),
-                Err(error) => return Ended::Failed(error),
+    /// Opens what is missing and streams, or rests, until something ends it.
+    fn go_on(&mut self) -> Ended {
+        if self.screen.is_none()
+            && let Some(ended) = self.open_screen()
+        {
+            return ended;
+        }
+        if self.is_wanted() { self.stream() } else { self.rest() }
+    }
+
+    /// Opens the loopback in the size that the camera would have, or in the likeliest where it cannot be asked. `None`: it is open.
+    fn open_screen(&mut self) -> Option<Ended> {
+        let format = match Capture::probe(&self.camera_params()) {
+            Ok(format) => format,
+            Err(error) => match self.judge(error) {
+                Ended::Failed(error) => return Some(Ended::Failed(error)),
+                _ => self.likely_format(),
             },
         };
+        match Screen::open(self.settings, &format, self.wake) {
+            Ok(screen) => {
+                tell_of(&screen, self.desk);
+                self.screen = Some(screen);
+                None
+            }
+            Err(error) => Some(self.judge_screen(error)),
+        }
+    }
+
+    /// The format of a camera that cannot be asked: as configured, else as it was last time.
+    fn likely_format(&self) -> StreamFormat {
+        let (width, height, fps) = self.memory.latest().unwrap_or(USUAL);
+        let asked = &self.settings.camera;
+        let (width, height) = if asked.width > 0 && asked.height > 0 { (asked.width, asked.height) } else { (width, height) };
+        let fps = if asked.fps > 0.0 { asked.fps } else { fps };
+        let interval = if fps > 0.0 { (100, (100.0 * fps).round() as u32) } else { (1, 30) };
+        StreamFormat::tight(width, height, PixelFormat::Yuyv, interval)
+    }
+
+    /// What to ask for: the camera of the settings, and where that name is gone, the one that was open last under its new name.
+    fn camera_params(&self) -> CaptureParams {
+        let mut params = self.settings.camera.params();
+        let Some((card, bus)) = &self.known else { return params };
+        let device = params.device.trim().to_lowercase();
+        let is_number = !device.is_empty() && device.bytes().all(|byte| byte.is_ascii_digit());
+        let path = if is_number { format!("/dev/video{device}") } else { device.clone() };
+        let is_auto = device.is_empty() || device == "auto";
+        let is_gone = path.starts_with('/') && !std::path::Path::new(&path).exists();
+        if is_auto || is_gone {
+            match find_again(card, bus) {
+                Some(path) => params.device = path.display().to_string(),
+                // The whole name, so that no other camera answers to it.
+                None if is_auto && self.lost.is_some_and(|lost| lost.elapsed() < FAITHFUL) => params.device.clone_from(card),
+                None => {}
+            }
+        }
+        params
+    }
+
+    /// Whether the camera should be open.
+    fn is_wanted(&self) -> bool {
+        !self.settings.output.on_demand || self.screen.as_ref().is_some_and(|screen| screen.audience.seats().want_camera())
+    }
+
+    /// Streams until something ends it.
+    fn stream(&mut self) -> Ended {
+        let mut camera = match self.open_camera() {
+            Ok(camera) => camera,
+            Err(ended) => return ended,
+        };
+        self.report.cameras += 1;
+        (self.known, self.lost) = (Some(camera.name_and_bus()), None);
         let format = camera.format();
-        let (from, to) = (camera.path().display().to_string(), loopback.path().display().to_string());
+        if let Some(screen) = &self.screen
+            && !screen.fits(&format)
+            && !screen.audience.seats().are_taken()
+        {
+            // Nobody minds.
+            self.screen = None;
+        }
+        let screen = match &mut self.screen {
+            Some(screen) => screen,
+            none => match Screen::open(self.settings, &format, self.wake) {
+                Ok(screen) => {
+                    tell_of(&screen, self.desk);
+                    none.insert(screen)
+                }
+                Err(error) => return self.judge_screen(error),
+            },
+        };
+        let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
         let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
         tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
-        self.pulse.doing(format!("{from} ({mode}) to {to}"), true);
+        self.pulse.doing(format!("{from} ({mode}) to {to}"), State::Streaming);
         let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
         let params = Params { camera: known, ..self.desk.live.params() };
         self.desk.tally.camera(camera_now(&camera));
-        self.desk.tally.output(output_now(loopback));
         let mut observer = self.pulse;
-        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, told: Lost::default(), failed: false };
-        let ran = run_live(&mut attended, loopback, &params, &self.desk.live, self.stop, &mut observer);
+        let audience = self.settings.output.on_demand.then(|| screen.audience.seats().clone());
+        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, told: Lost::default(), audience, failed: false };
+        let ran = run_live(&mut attended, screen, &params, &self.desk.live, self.stop, &mut observer);
         self.desk.tally.no_camera();
+        let failed = attended.failed;
         self.memory.end(&self.pulse.take_calibration());
+        drop(camera);
         match ran {
             Ok(totals) => {
                 tracing::info!(?totals, "the stream ended");
-                Ended::Stopped
+                Ended::Unwanted
             }
-            Err(error) if attended.failed => self.judge(error),
-            Err(error) => Ended::Failed(error),
+            Err(error) if failed => {
+                self.lost = Some(Instant::now());
+                self.judge(error)
+            }
+            Err(error) => Ended::ScreenWaits(error),
         }
+    }
+
+    /// Opens the camera, which may take its time; those who watch get their pictures meanwhile.
+    fn open_camera(&mut self) -> Result<Capture, Ended> {
+        let (params, wake, started) = (self.camera_params(), self.wake.clone(), Instant::now());
+        let (done, opened) = bounded(1);
+        std::thread::scope(|scope| {
+            let open = move || {
+                let _ = done.send(Capture::open(&params, wake));
+            };
+            let opening = std::thread::Builder::new().name("opening".into()).spawn_scoped(scope, open);
+            opening.map_err(|error| Ended::CameraWaits(DeviceError::io("opening thread", "start", error)))?;
+            loop {
+                if started.elapsed() < LONGEST_OPENING {
+                    self.pulse.beat();
+                }
+                self.show()?;
+                match opened.recv_timeout(SHOW_EVERY) {
+                    Ok(camera) => return camera.map_err(|error| self.judge(error)),
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => {
+                        let error = std::io::ErrorKind::Other.into();
+                        return Err(Ended::CameraWaits(DeviceError::io("camera", "open", error)));
+                    }
+                }
+            }
+        })
+    }
+
+    /// Shows those who watch that they are not forgotten.
+    fn show(&mut self) -> Result<(), Ended> {
+        self.screen.as_mut().map_or(Ok(()), FrameSink::idle).map_err(Ended::ScreenWaits)
+    }
+
+    /// The camera is closed and nobody watches: waits until somebody does.
+    fn rest(&mut self) -> Ended {
+        let Some(screen) = &mut self.screen else { return Ended::Unwanted };
+        if let Err(error) = screen.clear() {
+            return Ended::ScreenWaits(error);
+        }
+        let path = screen.loopback.path().display().to_string();
+        tracing::info!(loopback = %path, "nobody watches: the camera is closed");
+        self.pulse.doing(format!("nobody watches {path}: the camera is closed"), State::Idle);
+        self.pulse.ready();
+        self.backoff = Backoff::default();
+        while !self.stop.is_set() && !self.is_wanted() {
+            // A visitor who only looks in gets a picture at once as well.
+            if let Err(ended) = self.show() {
+                return ended;
+            }
+            let visited = self.screen.as_ref().is_some_and(|screen| screen.audience.seats().are_taken());
+            self.wake.wait(if visited { SHOW_EVERY } else { ROUND });
+            self.pulse.beat();
+        }
+        Ended::Unwanted
     }
 
     /// Whether waiting can help against a camera's error. A camera that never worked as configured will not begin to.
     fn judge(&self, error: DeviceError) -> Ended {
         match error {
-            DeviceError::Unsupported { .. } | DeviceError::Format { .. } if self.report.cameras == 0 => Ended::Failed(error),
-            error => Ended::Waiting(error),
+            DeviceError::Unsupported { .. } | DeviceError::Format { .. } if self.report.cameras == 0 && !self.patient => {
+                Ended::Failed(error)
+            }
+            error => Ended::CameraWaits(error),
         }
     }
 
-    /// Waits for `pause`, showing the last picture again, so that those who watch the loopback do not give it up.
-    fn wait(&mut self, pause: Duration, born: Instant) -> Result<(), DeviceError> {
-        let until = Instant::now() + pause;
+    /// The same against the loopback's.
+    fn judge_screen(&self, error: DeviceError) -> Ended {
+        let waits = self.patient || self.report.cameras > 0 || matches!(error, DeviceError::Busy { .. });
+        if waits { Ended::ScreenWaits(error) } else { Ended::Failed(error) }
+    }
+
+    /// Says once for each state, not for each try, what is waited for.
+    fn tell(&mut self, state: String) {
+        self.pulse.doing(state.clone(), State::Waiting);
+        if state != self.backoff.told {
+            tracing::warn!("{state}");
+            self.backoff.told = state;
+        }
+    }
+
+    /// Waits before the next try, longer each time; not when a device comes, goes or changes.
+    fn wait(&mut self) {
+        let until = Instant::now() + self.backoff.pause;
         while !self.stop.is_set() {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
+                self.backoff.pause = (2 * self.backoff.pause).min(BACKOFF.1);
                 break;
             }
-            self.wake.wait(left.min(Duration::from_millis(500)));
+            let news = match &self.hotplug {
+                Some(hotplug) => hotplug.wait(self.wake, left.min(SHOW_EVERY)),
+                None if self.wake.wait(left.min(SHOW_EVERY)) => News::Rung,
+                None => News::Nothing,
+            };
             self.pulse.beat();
-            if let Some(loopback) = &mut self.loopback {
-                loopback.repeat()?;
-            }
-            if born.elapsed() > READY_WITHOUT_CAMERA {
+            // What is wrong with the loopback is found out when it is needed.
+            let _ = self.show();
+            if self.born.elapsed() > READY_WITHOUT_CAMERA {
                 self.pulse.ready();
             }
+            if news == News::Devices {
+                // Soon, and soon again: links and permissions follow the node.
+                self.backoff.pause = BACKOFF.0;
+                break;
+            }
+            if self.settings.output.on_demand && self.screen.is_some() && !self.is_wanted() {
+                break;
+            }
         }
-        Ok(())
+    }
+
+    /// The end. Who watches may wait for the next start of the service, and keeps the picture until then.
+    fn leave(&mut self) {
+        if let Some(mut screen) = self.screen.take() {
+            if self.patient && screen.audience.seats().are_taken() {
+                screen.loopback.hand_over();
+            }
+            // What is left behind in the device is not what the camera saw.
+            let _ = screen.clear();
+        }
     }
 }
 
@@ -213,27 +443,15 @@ fn camera_now(camera: &Capture) -> CameraNow {
     }
 }
 
-/// The loopback as the status tells it.
-fn output_now(loopback: &Loopback) -> OutputNow {
-    let format = loopback.format();
-    OutputNow {
-        path: loopback.path().display().to_string(),
+/// The loopback, and who watches it, for the status.
+fn tell_of(screen: &Screen, desk: &Desk) {
+    let format = screen.format();
+    let now = OutputNow {
+        path: screen.loopback.path().display().to_string(),
         format: format.pixel.to_string(),
         width: format.width,
         height: format.height,
-    }
-}
-
-/// What the settings and the camera ask of the loopback: the camera's size (even), rate and colours.
-fn loopback_params(settings: &Settings, camera: &Capture) -> LoopbackParams {
-    let format = camera.format();
-    LoopbackParams {
-        device: settings.output.device.clone(),
-        pixel: settings.output.format,
-        width: format.width & !1,
-        height: format.height & !1,
-        interval: format.interval,
-        colour: format.colour,
-        buffers: 4,
-    }
+    };
+    let seats = screen.audience.seats().clone();
+    desk.tally.output(now, Box::new(move || seats.are_taken()));
 }

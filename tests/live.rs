@@ -14,7 +14,7 @@ use gimbald::stage::shutter::{self, Model, Parameters};
 use gimbald::stage::{crop, smooth};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-const SIZE: [u32; 2] = [320, 240];
+const SIZE: [u32; 2] = [240, 180];
 const FRAMES: usize = 210;
 const FPS: f64 = 30.0;
 /// A change asked for before the frame of that number.
@@ -114,7 +114,7 @@ fn strength_zoom_and_mode_glide() {
             let most = |with: &dyn Fn(&usize) -> bool| (1..FRAMES).filter(with).map(|n| step(&seen, n)).fold(0.0, f64::max);
             let (near, far) = (most(&around), most(&|n| !around(n)));
             println!("{motion:?}, {what}: within a second of a change a frame moves by {near:.2} px at most, else {far:.2}");
-            // of a window of 18 pixels
+            // of a window of 14 pixels
             assert!(near <= far + 1.5, "{motion:?}, {what}: a change of settings moves a frame by {near} px, others {far}");
         }
     }

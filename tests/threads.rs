@@ -8,12 +8,13 @@ use gimbald::device::null::NullSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
 use gimbald::frame::Stamp;
-use gimbald::image::PictureMut;
+use gimbald::image::{PictureMut, PixelFormat};
 use gimbald::pipeline::{Pace, Params, Totals, run_inline, run_threaded};
 use gimbald::rt::stop::Stop;
 use gimbald::stage::shutter::{self, Model, Parameters};
 use std::path::PathBuf;
-use std::sync::mpsc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -72,6 +73,56 @@ fn two_threads_give_the_bytes_of_one() {
             assert_eq!((frames_in, frames_out, damaged, dropped), (40, 40, 4, 0));
         });
     }
+}
+
+/// Silent until its reader was told so twice.
+struct Silent(StreamFormat, Arc<AtomicU32>, Instant);
+
+impl FrameSource for Silent {
+    fn format(&self) -> StreamFormat {
+        self.0
+    }
+
+    fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        thread::sleep(Duration::from_millis(20));
+        let enough = self.1.load(Relaxed) >= 2 || self.2.elapsed() > PATIENCE / 2;
+        Ok(if enough { Lent::End } else { Lent::Idle })
+    }
+}
+
+/// Counts how often it is told that there is nothing.
+struct Patient(NullSink, Arc<AtomicU32>);
+
+impl FrameSink for Patient {
+    fn format(&self) -> StreamFormat {
+        self.0.format()
+    }
+
+    fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
+        self.0.canvas()
+    }
+
+    fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
+        self.0.submit(stamp)
+    }
+
+    fn idle(&mut self) -> Result<(), DeviceError> {
+        self.1.fetch_add(1, Relaxed);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_sink_is_told_that_nothing_comes() {
+    let told = Arc::<AtomicU32>::default();
+    let counted = told.clone();
+    in_time_or_stuck("silent", move || {
+        let format = StreamFormat::tight(160, 120, PixelFormat::I420, (1, 30));
+        let mut source = Silent(format, told.clone(), Instant::now());
+        let mut sink = Patient(NullSink::new(&format), told);
+        run_threaded(&mut source, &mut sink, &Params::default(), &Stop::default(), &mut (), Pace::Live).unwrap()
+    });
+    assert!(counted.load(Relaxed) >= 2);
 }
 
 /// More damaged frames in a row than there are frames in the pool, behind one that waits for its successor.

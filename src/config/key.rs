@@ -29,10 +29,10 @@ pub enum Kind {
     NumberOrAuto { range: (f64, f64), get: fn(&Settings) -> Option<f64>, set: fn(&mut Settings, Option<f64>) },
     /// A whole number within `range`, ends included: the least, and every `step`th above.
     Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
-    /// true or false.
-    Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
     /// One of a few words.
     Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
+    /// `true` or `false`.
+    Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
     /// Any text that is not empty; numbers are taken as their digits.
     Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
     /// Text of a form that `fits` knows, and `expected` says in words.
@@ -46,10 +46,10 @@ pub(super) enum Written {
     Integer(Option<i64>),
     /// A number with a point or exponent, `nan` or `inf`.
     Float(f64),
-    /// true or false.
-    Switch(bool),
     /// A word or quoted text.
     Text(String),
+    /// `true` or `false`.
+    Truth(bool),
     /// Something no key accepts, by its TOML name.
     Other(&'static str),
 }
@@ -71,8 +71,8 @@ impl Key {
             Kind::Number { get, .. } => format!("{:?}", get(settings)),
             Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),
             Kind::Count { get, .. } => get(settings).to_string(),
-            Kind::Switch { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
+            Kind::Switch { get, .. } => get(settings).to_string(),
             Kind::Text { get, .. } | Kind::Form { get, .. } => quoted(get(settings)),
         }
     }
@@ -101,7 +101,7 @@ impl Key {
             Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
-            Kind::Switch { .. } => "true or false".into(),
+            Kind::Switch { .. } => "true or false, without quotes".into(),
             Kind::Text { .. } => "text that is not empty".into(),
             Kind::Form { expected, .. } => (*expected).into(),
         };
@@ -157,10 +157,6 @@ impl Key {
                 }
                 fits
             }
-            (Kind::Switch { set, .. }, Written::Switch(on)) => {
-                set(settings, *on);
-                true
-            }
             (Kind::Form { fits, set, .. }, Written::Text(text)) if fits(text) => {
                 set(settings, text.clone());
                 true
@@ -171,6 +167,10 @@ impl Key {
                     set(settings, word);
                 }
                 fits
+            }
+            (Kind::Switch { set, .. }, Written::Truth(truth)) => {
+                set(settings, *truth);
+                true
             }
             (Kind::Text { set, .. }, Written::Text(text)) if !text.trim().is_empty() && !text.contains('\0') => {
                 set(settings, text.clone());

@@ -261,6 +261,20 @@ pub const KEYS: &[Key] = &[
         ),
     },
     Key {
+        name: "output.on_demand",
+        unit: "",
+        doc: "Whether the camera is open, and its light on, only while a program watches; false keeps it running.",
+        live: false,
+        kind: switch!(output.on_demand),
+    },
+    Key {
+        name: "output.linger_s",
+        unit: "s",
+        doc: "On demand: how long the camera stays open when nobody watches any more.",
+        live: false,
+        kind: number!(output.linger_s, 0.0 to 3600.0),
+    },
+    Key {
         name: "log.level",
         unit: "",
         doc: "Least important messages that are still written.",

@@ -78,8 +78,8 @@ fn written(value: &DeValue<'_>) -> Written {
     match value {
         DeValue::Integer(integer) => Written::Integer(i64::from_str_radix(integer.as_str(), integer.radix()).ok()),
         DeValue::Float(float) => float.as_str().parse().map_or(Written::Other("float"), Written::Float),
-        DeValue::Boolean(on) => Written::Switch(*on),
         DeValue::String(text) => Written::Text(text.to_string()),
+        DeValue::Boolean(truth) => Written::Truth(*truth),
         other => Written::Other(other.type_str()),
     }
 }
@@ -113,8 +113,8 @@ fn described(value: &Written) -> String {
         Written::Integer(None) => "a whole number too large to read".into(),
         Written::Integer(Some(number)) => number.to_string(),
         Written::Float(number) => number.to_string(),
-        Written::Switch(on) => on.to_string(),
         Written::Text(text) => format!("the text {}", quoted(&shortened(text))),
+        Written::Truth(truth) => truth.to_string(),
         Written::Other(kind @ "array") => format!("an {kind}"),
         Written::Other(kind) => format!("a {kind}"),
     }

@@ -54,11 +54,15 @@ pub struct Output {
     pub device: String,
     /// Pixel format that readers get.
     pub format: PixelFormat,
+    /// Whether the camera is open only while somebody watches.
+    pub on_demand: bool,
+    /// How long it stays open when nobody does any more (seconds).
+    pub linger_s: f64,
 }
 
 impl Default for Output {
     fn default() -> Self {
-        Self { device: "auto".into(), format: PixelFormat::Yuyv }
+        Self { device: "auto".into(), format: PixelFormat::Yuyv, on_demand: true, linger_s: 5.0 }
     }
 }
 

@@ -54,8 +54,8 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     text.gauge("state_seconds", "For how long it has been at that.", status.since_s);
     text.gauge("uptime_seconds", "For how long the daemon runs.", status.uptime_s);
     text.gauge("enabled", "Whether shake is taken out.", f64::from(u8::from(status.enabled)));
-    if let Some(watchers) = status.watchers {
-        text.gauge("watchers", "Programs that watch the loopback.", f64::from(watchers));
+    if let Some(watched) = status.watched {
+        text.gauge("watched", "Whether somebody watches the loopback.", f64::from(u8::from(watched)));
     }
     text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
     let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;

@@ -27,8 +27,8 @@ pub struct Status {
     pub camera: Option<CameraNow>,
     /// The loopback that is open.
     pub output: Option<OutputNow>,
-    /// Programs that watch the loopback; `None` where that is not known.
-    pub watchers: Option<u32>,
+    /// Whether somebody watches the loopback; `None` where there is none.
+    pub watched: Option<bool>,
     /// Frames sent a second, of late.
     pub fps: f64,
     /// Age of frames when they were sent, of late.
@@ -183,7 +183,9 @@ impl fmt::Display for Status {
             }
             None => line("output", "not open")?,
         }
-        line("watchers", &self.watchers.map_or("not known".to_owned(), |count| count.to_string()))?;
+        if let Some(watched) = self.watched {
+            line("watched", if watched { "yes" } else { "by nobody" })?;
+        }
         line("rate", &format!("{:.2} frames a second", self.fps))?;
         if let Some(Spread { p50, p99, max }) = self.latency_ms {
             line("latency", &format!("median {p50:.1} ms, 99 % below {p99:.1} ms, at most {max:.1} ms"))?;

@@ -85,19 +85,24 @@ pub struct Tally {
     confidence: AtomicU64,
     trust: AtomicU64,
     calibration: [AtomicU64; 4],
-    /// Programs that watch; -1 where that is not known.
-    watchers: AtomicI64,
     now: Mutex<Now>,
 }
 
 /// What changes with devices, not with frames.
-#[derive(Debug)]
 struct Now {
     state: State,
     what: String,
     since: Instant,
     camera: Option<CameraNow>,
     output: Option<OutputNow>,
+    /// Says whether somebody watches.
+    watched: Option<Box<dyn Fn() -> bool + Send>>,
+}
+
+impl std::fmt::Debug for Now {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Now").field("state", &self.state).field("what", &self.what).finish_non_exhaustive()
+    }
 }
 
 /// The last values of a measure, in no order.
@@ -131,7 +136,7 @@ impl Recent {
 impl Default for Tally {
     fn default() -> Self {
         let born = Instant::now();
-        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None };
+        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None, watched: None };
         Self {
             born,
             sent: AtomicU64::new(0),
@@ -153,7 +158,6 @@ impl Default for Tally {
             confidence: AtomicU64::new(0),
             trust: AtomicU64::new(0),
             calibration: Default::default(),
-            watchers: AtomicI64::new(-1),
             now: Mutex::new(now),
         }
     }
@@ -223,14 +227,16 @@ impl Tally {
         self.calibration.iter().for_each(|kept| store(kept, 0.0));
     }
 
-    /// The loopback was opened.
-    pub fn output(&self, output: OutputNow) {
-        self.now().output = Some(output);
+    /// The loopback was opened; `watched` says whether somebody watches it.
+    pub fn output(&self, output: OutputNow, watched: Box<dyn Fn() -> bool + Send>) {
+        let mut now = self.now();
+        (now.output, now.watched) = (Some(output), Some(watched));
     }
 
-    /// How many programs watch, as far as the loopback tells: at least so many.
-    pub fn watchers(&self, count: Option<u32>) {
-        self.watchers.store(count.map_or(-1, i64::from), Relaxed);
+    /// The loopback was closed, or went away.
+    pub fn no_output(&self) {
+        let mut now = self.now();
+        (now.output, now.watched) = (None, None);
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -246,9 +252,9 @@ impl Tally {
             status.what.clone_from(&now.what);
             status.since_s = now.since.elapsed().as_secs_f64();
             (status.camera, status.output) = (now.camera.clone(), now.output.clone());
+            status.watched = now.watched.as_ref().map(|watched| watched());
         }
         status.uptime_s = self.born.elapsed().as_secs_f64();
-        status.watchers = u32::try_from(self.watchers.load(Relaxed)).ok();
         status.fps = self.rate();
         status.latency_ms = self.recent_age_ms.spread();
         status.work_ms = self.recent_work_ms.spread();

@@ -146,6 +146,11 @@ impl Memory {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Size and frames a second of the camera that was used last, of those that are known.
+    pub(super) fn latest(&self) -> Option<(u32, u32, f64)> {
+        self.state().entries.last().map(|Entry { mode, .. }| (mode.width, mode.height, mode.fps))
+    }
+
     /// A stream in `mode` begins, for which the settings say `camera`: what they leave open begins where it was left.
     pub(super) fn begin(&self, mode: Mode, camera: Camera) -> Camera {
         let mut state = self.state();

@@ -15,6 +15,7 @@ use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 
+use super::audience::Seats;
 use super::memory::Memory;
 
 /// How often the status line is told anew, at most.
@@ -68,11 +69,11 @@ impl<'a> Pulse<'a> {
         self.beat_ns.store(monotonic_ns(), Relaxed);
     }
 
-    /// Says what the daemon is at, for `systemctl status`; while it is `streaming`, its rate will be added.
-    pub(super) fn doing(&self, what: String, streaming: bool) {
+    /// Says what the daemon is at, for `systemctl status` and whoever asks; while it is streaming, its rate will be added.
+    pub(super) fn doing(&self, what: String, state: State) {
         self.systemd.status(&what);
-        self.desk.tally.is_at(if streaming { State::Streaming } else { State::Waiting }, &what);
-        self.streaming.store(streaming, Relaxed);
+        self.desk.tally.is_at(state, &what);
+        self.streaming.store(state == State::Streaming, Relaxed);
         *self.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = what;
     }
 
@@ -170,6 +171,8 @@ pub(super) struct Attended<'a> {
     pub(super) pulse: &'a Pulse<'a>,
     /// What the camera said it lost, as far as it was told.
     pub(super) told: Lost,
+    /// Those who want it, where nobody else does.
+    pub(super) audience: Option<Seats>,
     /// Whether it was the camera that ended the run.
     pub(super) failed: bool,
 }
@@ -182,6 +185,9 @@ impl FrameSource for Attended<'_> {
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
         let counts = self.camera.counts();
         self.pulse.desk.tally.lost(Lost { missing: counts.missing, stale: counts.dropped }, &mut self.told);
+        if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
+            return Ok(Lent::End);
+        }
         match self.camera.lend() {
             Ok(Lent::Idle) => {
                 self.pulse.camera_idle();

@@ -9,6 +9,7 @@ mod input;
 pub mod null;
 mod output;
 pub mod paced;
+pub mod placeholder;
 pub mod recording;
 pub mod replay;
 pub mod synthetic;
@@ -150,6 +151,14 @@ pub trait FrameSink: Send {
     /// # Errors
     /// [`DeviceError`] where the device is gone or the disk full.
     fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError>;
+
+    /// Called from time to time while there is nothing to send: for sinks whose readers give up a picture that stands still.
+    ///
+    /// # Errors
+    /// As [`FrameSink::submit`].
+    fn idle(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
 
     /// Sends what is still held back. Called once, at the end.
     ///

@@ -4,12 +4,17 @@
 //! the mailbox holds one frame and a newer one takes its place, so latency never builds up; from a file nothing is given up
 //! and the faster side waits. Each loop ends when the channel before it closes.
 
-use crossbeam_channel::{Receiver, Sender, TryRecvError, bounded};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
 
 use super::{Capture, FRAMES, Live, Observer, Params, Stabilizer, Totals};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent};
 use crate::frame::Frame;
 use crate::rt::stop::Stop;
+
+/// Live, a sink that gets no frame for this long is told so, and again after as long.
+const IDLE: Duration = Duration::from_millis(500);
 
 /// What happens when frames come faster than they can be carried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +85,7 @@ fn run(
         });
         let capture = capture.map_err(|error| DeviceError::io("capture thread", "start", error))?;
         let mut totals = Totals::default();
-        let sent = carry(&mailbox, &free, (&mut stabilizer, live), sink, observer, &mut totals);
+        let sent = carry(&mailbox, &free, pace, (&mut stabilizer, live), sink, observer, &mut totals);
         // where nothing can be sent any more, a source that gives nothing must not be asked for ever
         over.set();
         drop((mailbox, free));
@@ -98,6 +103,7 @@ fn run(
 fn carry(
     mailbox: &Receiver<Box<Frame>>,
     free: &Sender<Box<Frame>>,
+    pace: Pace,
     (stabilizer, live): (&mut Stabilizer, &Live),
     sink: &mut dyn FrameSink,
     observer: &mut dyn Observer,
@@ -107,12 +113,22 @@ fn carry(
         let _ = free.send(frame);
     };
     let mut seen = 0;
-    while let Ok(frame) = mailbox.recv() {
-        if let Some(params) = live.changed_since(&mut seen) {
-            stabilizer.set_params(&params);
+    loop {
+        let next = match pace {
+            Pace::Live => mailbox.recv_timeout(IDLE),
+            Pace::Lossless => mailbox.recv().map_err(RecvTimeoutError::from),
+        };
+        match next {
+            Ok(frame) => {
+                if let Some(params) = live.changed_since(&mut seen) {
+                    stabilizer.set_params(&params);
+                }
+                stabilizer.take_in(frame);
+                totals.emit_all(stabilizer, sink, observer, give_back)?;
+            }
+            Err(RecvTimeoutError::Timeout) => sink.idle()?,
+            Err(RecvTimeoutError::Disconnected) => break,
         }
-        stabilizer.take_in(frame);
-        totals.emit_all(stabilizer, sink, observer, give_back)?;
     }
     stabilizer.end();
     totals.emit_all(stabilizer, sink, observer, give_back)

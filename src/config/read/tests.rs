@@ -164,7 +164,7 @@ proptest! {
                 set(&mut settings, low + count % ((high - low) / step + 1) * step);
             }
             Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
-            Kind::Switch { set, .. } => set(&mut settings, count % 2 == 0),
+            Kind::Switch { set, .. } => set(&mut settings, count % 2 == 1),
             Kind::Form { .. } => {}
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
         }

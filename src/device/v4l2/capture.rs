@@ -86,19 +86,22 @@ pub struct Capture {
 }
 
 impl Capture {
+    /// The format in which the camera would give its frames; it is not started (no light comes on), but left in that format.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn probe(params: &CaptureParams) -> Result<StreamFormat, DeviceError> {
+        agree(params).map(|(_, format)| format)
+    }
+
     /// Opens the camera, sets its format and rate, and starts it. A ring of `wake` ends a waiting [`FrameSource::lend`] at once.
     ///
     /// # Errors
     /// [`DeviceError::Busy`] where another program streams from it, [`DeviceError::Gone`] where it goes away meanwhile,
     /// [`DeviceError::Unsupported`] where it is no camera or cannot do what is asked, else [`DeviceError::Io`].
     pub fn open(params: &CaptureParams, wake: Wake) -> Result<Self, DeviceError> {
-        let path = find(&params.device, Direction::Capture)?;
-        let node = Node::open(&path)?;
-        check_camera(&node)?;
-        let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
-        let offered = modes(&node, &asked);
-        let mode = choose(&offered, &asked).ok_or_else(|| unsupported(&path, &asked, &node))?;
-        let format = set_mode(&node, &mode, &asked)?;
+        let (node, format) = agree(params)?;
+        let path = node.path().to_path_buf();
         let whole = format.frame_bytes().unwrap_or(0);
         let queue = Queue::new(node, Direction::Capture, params.buffers.clamp(2, 32))?;
         if queue.len() < 2 || queue.capacity() < whole {
@@ -180,7 +183,7 @@ impl Capture {
 
     /// Waits for the camera; `None` where patience ran out or somebody rang, else what poll says of the camera.
     fn wait(&mut self) -> Option<PollFlags> {
-        let camera = PollFlags::IN | PollFlags::PRI;
+        let camera = PollFlags::IN;
         let mut fds =
             [PollFd::from_borrowed_fd(self.queue.node().fd(), camera), PollFd::from_borrowed_fd(self.wake.fd(), PollFlags::IN)];
         let patience = Timespec { tv_sec: PATIENCE.as_secs().cast_signed(), tv_nsec: PATIENCE.subsec_nanos().into() };
@@ -214,10 +217,26 @@ impl Capture {
         if monotonic_ns() - self.quiet_since_ns < self.stall_ns {
             return Ok(());
         }
-        tracing::warn!(camera = %self.path().display(), seconds = self.stall_ns / 1_000_000_000, "no frame came; the stream is started anew");
+        // Told once, not for each try.
+        let seconds = self.stall_ns / 1_000_000_000;
+        if self.stall_ns == STALL_NS {
+            tracing::warn!(camera = %self.path().display(), seconds, "no frame came; the stream is started anew, from time to time");
+        }
         self.stall_ns = self.stall_ns.saturating_mul(2).min(12 * STALL_NS);
         self.restart()
     }
+}
+
+/// Opens the camera and sets its format and rate.
+fn agree(params: &CaptureParams) -> Result<(Node, StreamFormat), DeviceError> {
+    let path = find(&params.device, Direction::Capture)?;
+    let node = Node::open(&path)?;
+    check_camera(&node)?;
+    let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
+    let offered = modes(&node, &asked);
+    let mode = choose(&offered, &asked).ok_or_else(|| unsupported(&path, &asked, &node))?;
+    let format = set_mode(&node, &mode, &asked)?;
+    Ok((node, format))
 }
 
 impl FrameSource for Capture {

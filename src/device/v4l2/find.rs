@@ -19,6 +19,23 @@ pub fn find(device: &str, direction: Direction) -> Result<PathBuf, DeviceError> 
     found.ok_or_else(|| DeviceError::Gone { path: PathBuf::from(device) })
 }
 
+/// The camera of that name that was seen before, wherever it is now: on the bus where it was, else the only one of its name.
+pub fn find_again(card: &str, bus: &str) -> Option<PathBuf> {
+    let known: Vec<_> = nodes().into_iter().map(|path| (identify(&path), path)).collect();
+    again(card, bus, &known)
+}
+
+/// The choice of [`find_again`] among `known` nodes.
+fn again(card: &str, bus: &str, known: &[(Seen, PathBuf)]) -> Option<PathBuf> {
+    let captures = |identity: &&Identity| identity.card == card && identity.caps & V4L2_CAP_VIDEO_CAPTURE != 0;
+    let alike: Vec<_> =
+        known.iter().filter_map(|(seen, path)| seen.identity.as_ref().filter(captures).map(|found| (found, path))).collect();
+    let same = alike.iter().find(|(found, _)| found.bus == bus);
+    // The same camera in another socket; of two alike, either may be meant.
+    let moved = || alike.first().filter(|first| alike.iter().all(|(found, _)| found.bus == first.0.bus));
+    same.or_else(moved).map(|(_, path)| (*path).clone())
+}
+
 /// The nodes to try for `device`, best first, at least one: as [`find`], with every loopback that `auto` may mean.
 pub(super) fn candidates(device: &str, direction: Direction) -> Result<Vec<PathBuf>, DeviceError> {
     let device = device.trim();
@@ -149,6 +166,20 @@ mod tests {
         assert!(several.contains("more than one") && several.contains("/dev/video5"), "{several}");
         let none = find("C270", Direction::Capture).unwrap_err().to_string();
         assert!(none.contains("cannot find such a camera") && none.contains("Integrated Camera IR"), "{none}");
+    }
+
+    #[test]
+    fn a_camera_is_found_again_on_its_bus_or_where_it_was_moved_to() {
+        let again = |card: &str, bus: &str| again(card, bus, &desk()).map(|path| path.display().to_string());
+        assert_eq!(again("HD Pro Webcam C920", "usb-1").as_deref(), Some("/dev/video2"), "not its metadata node");
+        assert_eq!(again("HD Pro Webcam C920", "usb-7").as_deref(), Some("/dev/video2"), "in another socket");
+        assert_eq!(again("C920", "usb-1"), None, "another camera");
+        let twins = [
+            seen(1, "Cam", "uvcvideo", "usb-1", V4L2_CAP_VIDEO_CAPTURE),
+            seen(2, "Cam", "uvcvideo", "usb-2", V4L2_CAP_VIDEO_CAPTURE),
+        ];
+        assert_eq!(super::again("Cam", "usb-2", &twins).unwrap(), Path::new("/dev/video2"));
+        assert_eq!(super::again("Cam", "usb-3", &twins), None, "either may be meant");
     }
 
     #[test]

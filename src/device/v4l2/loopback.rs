@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rustix::io::Errno;
 use v4l::v4l_sys::{
-    V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_OUTPUT, v4l2_colorspace_V4L2_COLORSPACE_SRGB,
-    v4l2_quantization_V4L2_QUANTIZATION_DEFAULT, v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE,
-    v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
+    V4L2_CAP_VIDEO_OUTPUT, v4l2_colorspace_V4L2_COLORSPACE_SRGB, v4l2_quantization_V4L2_QUANTIZATION_DEFAULT,
+    v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE, v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
 };
 
 use super::super::{DeviceError, FrameSink, StreamFormat};
@@ -19,6 +18,10 @@ use crate::frame::Stamp;
 use crate::image::{Colour, Picture, PictureMut, PixelFormat, Range, RawLayout, Sampling};
 use crate::kernel::{Level, convert::pack};
 use crate::rt::clock::monotonic_ns;
+
+/// v4l2loopback's control `keep_format`: readers wait for a writer that went away instead of losing the device, and the format
+/// stays locked. It outlives the program that set it.
+const KEEP_FORMAT: u32 = 0x0098_f900;
 
 /// Which device, and what to send to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,12 +59,15 @@ pub struct Loopback {
     /// The buffer that was sent last, and room for a copy of one.
     last: Option<usize>,
     copy: Vec<u8>,
+    last_time_ns: i64,
+    handed_over: bool,
     sent: u64,
     dropped: u64,
 }
 
 impl Loopback {
-    /// Opens the device, sets its format and starts it, so that other programs see a camera.
+    /// Opens the device, sets its format and starts it, so that other programs see a camera. Where a reader holds another size or
+    /// layout that can be written, that one is taken: [`FrameSink::format`] says which.
     ///
     /// # Errors
     /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
@@ -79,7 +85,7 @@ impl Loopback {
 
     fn open_path(path: PathBuf, params: &LoopbackParams) -> Result<Self, DeviceError> {
         let refuse = |what: String| Err(DeviceError::Unsupported { path: path.clone(), what });
-        if !matches!(params.pixel, PixelFormat::Yuyv | PixelFormat::I420 | PixelFormat::Nv12) {
+        if writable(params.pixel.fourcc()).is_none() {
             return refuse(format!("frames of {} cannot be written to a loopback; choose YUYV, YU12 or NV12", params.pixel));
         }
         if params.width == 0 || params.height == 0 || !params.width.is_multiple_of(2) || !params.height.is_multiple_of(2) {
@@ -92,8 +98,8 @@ impl Loopback {
             }
             other => other,
         })?;
-        check_output(&node)?;
-        let format = set_format(&node, params)?;
+        let was_kept = check_output(&node)?;
+        let format = set_format(&node, params).inspect_err(|_| keep_format(&node, was_kept))?;
         let Some(whole) = format.frame_bytes() else {
             return refuse(format!("frames of {}x{} are too large", format.width, format.height));
         };
@@ -112,10 +118,13 @@ impl Loopback {
             level: Level::detected(),
             last: None,
             copy: Vec::new(),
+            last_time_ns: i64::MIN,
+            handed_over: false,
             sent: 0,
             dropped: 0,
         };
         loopback.queue.start().map_err(|errno| loopback.queue.node().error("start the stream to", errno))?;
+        keep_format(loopback.queue.node(), true);
         tracing::info!(
             loopback = %path.display(), format = %format.pixel, width = format.width, height = format.height,
             buffers = loopback.queue.len(), "loopback opened"
@@ -126,6 +135,17 @@ impl Loopback {
     /// The device's node.
     pub fn path(&self) -> &Path {
         self.queue.node().path()
+    }
+
+    /// Buffers shared with the driver.
+    pub fn buffers(&self) -> usize {
+        self.queue.len()
+    }
+
+    /// To be called before the end where another process will go on writing soon: readers then wait for it, instead of seeing
+    /// their camera go.
+    pub fn hand_over(&mut self) {
+        self.handed_over = true;
     }
 
     /// Frames sent, and frames given up because the driver had no buffer free.
@@ -158,6 +178,10 @@ impl Loopback {
     }
 
     fn send(&mut self, index: usize, time_ns: i64) -> Result<(), DeviceError> {
+        // Readers take it ill when time goes back, as from a picture sent again to one that a camera took before that; and V4L2
+        // carries whole microseconds, of which zero would mean "now": v4l2loopback wants always or never.
+        let time_ns = time_ns.min(monotonic_ns()).max(self.last_time_ns.saturating_add(1000)).max(1000);
+        self.last_time_ns = time_ns;
         self.queue.enqueue(index, self.whole, time_ns).map_err(|errno| self.queue.node().error("send a frame to", errno))?;
         self.last = Some(index);
         self.sent += 1;
@@ -211,32 +235,44 @@ impl FrameSink for Loopback {
             })?;
         }
         self.direct = false;
-        // Zero would mean "now", and v4l2loopback wants always or never.
-        let time_ns = if stamp.time_ns >= 1000 { stamp.time_ns } else { monotonic_ns() };
-        self.send(index, time_ns)
+        self.send(index, stamp.time_ns)
     }
 }
 
 impl Drop for Loopback {
     fn drop(&mut self) {
+        keep_format(self.queue.node(), self.handed_over);
         tracing::info!(loopback = %self.path().display(), sent = self.sent, dropped = self.dropped, "loopback closed");
     }
 }
 
-/// Whether the node takes frames.
-fn check_output(node: &Node) -> Result<(), DeviceError> {
-    let identity = node.identity().map_err(|errno| node.error("ask for the abilities of", errno))?;
+/// Whether the node takes frames; a format that a writer left locked behind is let go. Says whether there was one.
+fn check_output(node: &Node) -> Result<bool, DeviceError> {
+    let ask = || node.identity().map_err(|errno| node.error("ask for the abilities of", errno));
+    let identity = ask()?;
     let path = node.path().to_path_buf();
-    if identity.caps & V4L2_CAP_VIDEO_OUTPUT != 0 {
-        return Ok(());
+    if identity.driver != LOOPBACK_DRIVER && identity.caps & V4L2_CAP_VIDEO_OUTPUT == 0 {
+        let (card, driver) = (identity.card, identity.driver);
+        let what = format!("{card} (driver {driver}) takes no frames: it is no loopback device; {LOAD_LOOPBACK}");
+        return Err(DeviceError::Unsupported { path, what });
     }
-    if identity.driver == LOOPBACK_DRIVER && identity.caps & V4L2_CAP_VIDEO_CAPTURE != 0 {
-        // Made with exclusive_caps: it says so while somebody writes to it.
+    let was_kept = identity.driver == LOOPBACK_DRIVER && node.control(KEEP_FORMAT) == Ok(1);
+    if was_kept {
+        keep_format(node, false);
+    }
+    // Made with exclusive_caps, it says that it takes none while somebody writes to it, or the format was locked.
+    if ask()?.caps & V4L2_CAP_VIDEO_OUTPUT == 0 {
+        keep_format(node, was_kept);
         return Err(DeviceError::Busy { path });
     }
-    let what =
-        format!("{} (driver {}) takes no frames: it is no loopback device; {LOAD_LOOPBACK}", identity.card, identity.driver);
-    Err(DeviceError::Unsupported { path, what })
+    Ok(was_kept)
+}
+
+/// Sets the control, where there is one: the module's older relatives work without.
+fn keep_format(node: &Node, keep: bool) {
+    if let Err(errno) = node.set_control(KEEP_FORMAT, keep.into()) {
+        tracing::debug!(device = %node.path().display(), %errno, "no control keep_format");
+    }
 }
 
 /// Sets format and rate. v4l2loopback answers what somebody else holds, with success: so compare.
@@ -258,24 +294,34 @@ fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, Devi
         },
         errno => node.error("set the format of", errno),
     })?;
-    if (given.pixelformat, given.width, given.height) != (asked.pixelformat, asked.width, asked.height) {
-        let code = given.pixelformat.to_le_bytes();
-        let what = format!(
-            "stays at {} {}x{} when asked for {} {}x{}: a program that watches it holds that format; close that program, or set \
-             the output to that format",
+    let code = given.pixelformat.to_le_bytes();
+    let (width, height) = (given.width, given.height);
+    if (given.pixelformat, width, height) != (asked.pixelformat, asked.width, asked.height) {
+        let held = format!(
+            "stays at {} {width}x{height} when asked for {} {}x{}: a program that watches it holds that format",
             String::from_utf8_lossy(&code),
-            given.width,
-            given.height,
             params.pixel,
             params.width,
             params.height
         );
-        return Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what });
+        let even = width > 0 && height > 0 && width.is_multiple_of(2) && height.is_multiple_of(2);
+        if !even || writable(code).is_none() {
+            let what = format!("{held}, and it cannot be written; close that program");
+            return Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what });
+        }
+        tracing::warn!(loopback = %node.path().display(), "{held}; the picture is made to fit");
     }
+    let pixel = writable(code).unwrap_or(params.pixel);
+    let tight = StreamFormat::tight(width, height, pixel, params.interval);
     // The rate is for readers that ask; a refusal changes nothing of what we send.
     let interval = node.set_interval(Direction::Output, params.interval).ok().flatten().unwrap_or(params.interval);
     let stride = (given.bytesperline as usize).max(tight.stride);
     Ok(StreamFormat { stride, interval, colour: params.colour, ..tight })
+}
+
+/// The layout of that code, where frames of it can be written.
+fn writable(code: [u8; 4]) -> Option<PixelFormat> {
+    PixelFormat::from_fourcc(code).filter(|pixel| matches!(pixel, PixelFormat::Yuyv | PixelFormat::I420 | PixelFormat::Nv12))
 }
 
 /// `bytes` as a picture to draw into, where their layout is the pipeline's own (I420).

@@ -6,19 +6,23 @@
 mod capture;
 mod enumerate;
 mod find;
+mod hotplug;
 mod loopback;
 mod mode;
 mod negotiate;
 mod node;
 mod queue;
 mod timeline;
+mod viewers;
 
 pub use capture::{Capture, CaptureParams, Counts};
 pub use enumerate::{DeviceInfo, FormatInfo, devices};
-pub use find::find;
+pub use find::{find, find_again};
+pub use hotplug::{Hotplug, News};
 pub use loopback::{Loopback, LoopbackParams};
 pub use mode::{Intervals, Mode, Sizes, Wish, choose};
 pub use node::Direction;
+pub use viewers::Viewers;
 
 /// What to do where there is no loopback device.
 const LOAD_LOOPBACK: &str = "load v4l2loopback: `sudo modprobe v4l2loopback exclusive_caps=1 card_label=gimbald` \

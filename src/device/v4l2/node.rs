@@ -3,6 +3,8 @@
 //! The v4l crate gives the structs, the request numbers and the reading of size and rate unions. Its `Device` is left aside: it
 //! leaks the descriptor into child processes, and panics on a card name cut in the middle of a letter and on an error of close.
 
+mod control;
+
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
