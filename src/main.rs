@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{calibrate, check, demo, devices, record, replay, run, talk};
+use gimbald::command::{calibrate, check, demo, devices, doctor, record, replay, run, talk};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -29,6 +29,7 @@ fn main() -> ExitCode {
             Command::Calibrate(args) => calibrate::run(args),
             Command::Demo(args) => demo::run(args),
             Command::Devices => devices::run(),
+            Command::Doctor(args) => doctor::run(args),
             Command::Check(args) => check::run(args),
         });
     match ended {

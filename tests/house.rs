@@ -25,8 +25,8 @@ const FLOORS: &[(&str, &[&str])] = &[
     (
         "command",
         &[
-            "daemon", "control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry",
-            "image", "rt",
+            "daemon", "control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "kernel", "frame",
+            "geometry", "image", "rt",
         ],
     ),
 ];

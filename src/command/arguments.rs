@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, calibrate, check, demo, record, replay, run, talk};
+use super::{Exit, calibrate, check, demo, doctor, record, replay, run, talk};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -28,6 +28,8 @@ pub enum Command {
     Set(talk::SetArgs),
     /// Have the service read its configuration anew
     Reload(talk::Args),
+    /// Find what keeps gimbald from working, or from working well, and say what mends it
+    Doctor(doctor::Args),
     /// Stabilize a recorded stream
     Replay(replay::Args),
     /// Record a camera's frames as they come

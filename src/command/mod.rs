@@ -5,6 +5,7 @@ pub mod calibrate;
 pub mod check;
 pub mod demo;
 pub mod devices;
+pub mod doctor;
 mod exit;
 mod interrupt;
 mod place;

@@ -59,7 +59,7 @@ impl Level {
     }
 
     /// The best level of this processor.
-    fn best() -> Self {
+    pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             return Self(Set::Avx2);
