@@ -24,10 +24,16 @@ use pulse::{Attended, Pulse, attend};
 use screen::{SHOW_EVERY, Screen};
 
 /// From the first try again to the slowest.
-const BACKOFF: (Duration, Duration) = (Duration::from_millis(250), Duration::from_secs(5));
+const BACKOFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
+
+/// The slowest against a camera that another program has: nothing tells when it is given back.
+const BUSY: Duration = Duration::from_millis(500);
 
 /// A service whose camera is not there is ready too, after this long: nothing that waits for it (the boot) is held up.
 const READY_WITHOUT_CAMERA: Duration = Duration::from_secs(20);
+
+/// A device that came is tried after this long: udev gives it its links and permissions.
+const SETTLED: Duration = Duration::from_millis(100);
 
 /// Where nobody watches, the daemon looks around this often: often enough for any watchdog worth having.
 const ROUND: Duration = Duration::from_secs(1);
@@ -173,6 +179,9 @@ impl Life<'_> {
                 Ended::Unwanted => {}
                 Ended::Failed(error) => return Err(error),
                 Ended::CameraWaits(error) => {
+                    if matches!(error, DeviceError::Busy { .. }) {
+                        self.backoff.pause = self.backoff.pause.min(BUSY);
+                    }
                     self.tell(format!("waiting for the camera: {error}"));
                     self.wait();
                 }
@@ -387,7 +396,7 @@ impl Life<'_> {
 
     /// Waits before the next try, longer each time; not when a device comes, goes or changes.
     fn wait(&mut self) {
-        let until = Instant::now() + self.backoff.pause;
+        let mut until = Instant::now() + self.backoff.pause;
         while !self.stop.is_set() {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -406,9 +415,9 @@ impl Life<'_> {
                 self.pulse.ready();
             }
             if news == News::Devices {
-                // Soon, and soon again: links and permissions follow the node.
+                // Soon, but not at once: links and permissions follow the node.
                 self.backoff.pause = BACKOFF.0;
-                break;
+                until = Instant::now() + SETTLED;
             }
             if self.settings.output.on_demand && self.screen.is_some() && !self.is_wanted() {
                 break;
@@ -421,9 +430,10 @@ impl Life<'_> {
         if let Some(mut screen) = self.screen.take() {
             if self.patient && screen.audience.seats().are_taken() {
                 screen.loopback.hand_over();
+            } else {
+                // What is left behind in the device is not what the camera saw.
+                let _ = screen.clear();
             }
-            // What is left behind in the device is not what the camera saw.
-            let _ = screen.clear();
         }
     }
 }

@@ -144,7 +144,7 @@ enum Progress {
 }
 
 /// Frames that are under way at a time, at most: what a pool needs.
-pub const FRAMES: usize = 8;
+pub const FRAMES: usize = 10;
 /// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
 const LONGEST_STEP_S: f64 = 0.1;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough.

@@ -314,7 +314,16 @@ fn a_camera_in_use_is_busy() {
 
 fn output(device: &Path, pixel: PixelFormat, width: u32, height: u32) -> LoopbackParams {
     let colour = Colour::default();
-    LoopbackParams { device: device.display().to_string(), pixel, width, height, interval: (1, 30), colour, buffers: 4 }
+    LoopbackParams {
+        device: device.display().to_string(),
+        pixel,
+        width,
+        height,
+        interval: (1, 30),
+        colour,
+        buffers: 4,
+        create: false,
+    }
 }
 
 /// Draws frame `number`: luma rises to the right, U downwards, V is the number.

@@ -21,7 +21,7 @@ use machine::{Holder, Machine};
 /// The configuration of the service.
 const CONFIG: &str = "/etc/gimbald.toml";
 /// What loads the module as gimbald wants it.
-const LOAD: &str = "sudo modprobe v4l2loopback exclusive_caps=1 max_buffers=4 card_label=gimbald";
+const LOAD: &str = "sudo modprobe v4l2loopback exclusive_caps=1 max_buffers=8 card_label=gimbald";
 /// The driver's name of a loopback.
 const LOOPBACK: &str = "v4l2 loopback";
 /// Buffers below which a slow reader's picture is overwritten while it reads.

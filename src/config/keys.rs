@@ -261,6 +261,13 @@ pub const KEYS: &[Key] = &[
         ),
     },
     Key {
+        name: "output.create",
+        unit: "",
+        doc: "Whether to make the device where none answers; needs v4l2loopback 0.13 loaded and the right to /dev/v4l2loopback.",
+        live: false,
+        kind: switch!(output.create),
+    },
+    Key {
         name: "output.on_demand",
         unit: "",
         doc: "Whether the camera is open, and its light on, only while a program watches; false keeps it running.",

@@ -54,6 +54,8 @@ pub struct Output {
     pub device: String,
     /// Pixel format that readers get.
     pub format: PixelFormat,
+    /// Whether a loopback device is to be made where there is none.
+    pub create: bool,
     /// Whether the camera is open only while somebody watches.
     pub on_demand: bool,
     /// How long it stays open when nobody does any more (seconds).
@@ -62,7 +64,7 @@ pub struct Output {
 
 impl Default for Output {
     fn default() -> Self {
-        Self { device: "auto".into(), format: PixelFormat::Yuyv, on_demand: true, linger_s: 5.0 }
+        Self { device: "auto".into(), format: PixelFormat::Yuyv, create: false, on_demand: true, linger_s: 5.0 }
     }
 }
 

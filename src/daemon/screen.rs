@@ -29,7 +29,8 @@ pub(super) struct Screen {
 }
 
 impl Screen {
-    /// Opens the loopback in `format`'s size (even), rate and colours, and shows the placeholder.
+    /// Opens the loopback in `format`'s size (even), rate and colours. A reader of the process before keeps its last picture for a
+    /// moment.
     ///
     /// # Errors
     /// As [`Loopback::open`].
@@ -42,6 +43,7 @@ impl Screen {
             interval: format.interval,
             colour: format.colour,
             buffers: 4,
+            create: settings.output.create,
         };
         let loopback = Loopback::open(&params)?;
         let given = loopback.format();
@@ -49,9 +51,7 @@ impl Screen {
         placeholder::draw(&mut placeholder.as_mut());
         let linger = Duration::try_from_secs_f64(settings.output.linger_s).unwrap_or_default();
         let audience = Audience::follow(loopback.path(), linger, wake)?;
-        let mut screen = Self { audience, loopback, placeholder, live_ns: i64::MIN };
-        screen.clear()?;
-        Ok(screen)
+        Ok(Self { audience, loopback, placeholder, live_ns: monotonic_ns() })
     }
 
     /// Whether the picture that the camera gives in `format` has this screen's size.
@@ -65,6 +65,7 @@ impl Screen {
     /// # Errors
     /// As [`FrameSink::submit`].
     pub(super) fn clear(&mut self) -> Result<(), DeviceError> {
+        self.live_ns = i64::MIN;
         (0..=self.loopback.buffers()).try_for_each(|_| self.show_placeholder())
     }
 

@@ -1,8 +1,9 @@
 //! The same journey on two threads: one captures and decodes, the caller's does the rest.
 //!
 //! Frames live in a pool: empty ones go to the capture thread through a free list, full ones come back through a mailbox. Live,
-//! the mailbox holds one frame and a newer one takes its place, so latency never builds up; from a file nothing is given up
-//! and the faster side waits. Each loop ends when the channel before it closes.
+//! the mailbox holds a few frames, so that a machine that was busy for a moment loses none; where it stays too slow, only the newest
+//! is taken, so latency never builds up. From a file nothing is given up and the faster side waits. Each loop ends when the channel
+//! before it closes.
 
 use std::time::Duration;
 
@@ -16,10 +17,16 @@ use crate::rt::stop::Stop;
 /// Live, a sink that gets no frame for this long is told so, and again after as long.
 const IDLE: Duration = Duration::from_millis(500);
 
+/// Live, frames that may wait.
+const MOST_WAITING: usize = 3;
+
+/// Live, this many frames in a row behind which another waits mean that the machine is too slow for all of them.
+const TOO_LATE: u32 = 15;
+
 /// What happens when frames come faster than they can be carried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// The stalest one goes.
+    /// Those that wait too long go, the stalest first.
     Live,
     /// The source waits.
     Lossless,
@@ -71,7 +78,7 @@ fn run(
         let _ = free.send(stabilizer.empty_frame());
     }
     let (full, mailbox) = bounded::<Box<Frame>>(match pace {
-        Pace::Live => 1,
+        Pace::Live => MOST_WAITING,
         Pace::Lossless => 2,
     });
     let stealing = (pace == Pace::Live).then(|| mailbox.clone());
@@ -92,7 +99,7 @@ fn run(
         let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         totals.frames_in = captured.frames_in;
         totals.damaged = captured.damaged;
-        totals.dropped = captured.dropped;
+        totals.dropped += captured.dropped;
         sent?;
         sink.finish()?;
         ended.map(|()| totals)
@@ -112,14 +119,23 @@ fn carry(
     let give_back = |frame| {
         let _ = free.send(frame);
     };
-    let mut seen = 0;
+    let (mut seen, mut late) = (0, 0u32);
     loop {
         let next = match pace {
             Pace::Live => mailbox.recv_timeout(IDLE),
             Pace::Lossless => mailbox.recv().map_err(RecvTimeoutError::from),
         };
         match next {
-            Ok(frame) => {
+            Ok(mut frame) => {
+                late = if mailbox.is_empty() { 0 } else { late.saturating_add(1) };
+                while pace == Pace::Live
+                    && late > TOO_LATE
+                    && let Ok(newer) = mailbox.try_recv()
+                {
+                    give_back(std::mem::replace(&mut frame, newer));
+                    totals.dropped += 1;
+                    live.count_dropped();
+                }
                 if let Some(params) = live.changed_since(&mut seen) {
                     stabilizer.set_params(&params);
                 }

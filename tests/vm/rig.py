@@ -8,6 +8,7 @@ import mmap
 import os
 import select
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -289,6 +290,26 @@ class Daemon:
     def said(self):
         with open(self.log, errors="replace") as file:
             return file.read()
+
+
+class Manager:
+    """The service manager, as far as the daemon can tell: somebody who listens."""
+
+    def __init__(self):
+        self.path = "/tmp/gimbald-notify"
+        if os.path.exists(self.path):
+            os.unlink(self.path)
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(self.path)
+        self.socket.setblocking(False)
+        self.heard = []
+
+    def listen(self):
+        while True:
+            try:
+                self.heard += self.socket.recv(4096).decode(errors="replace").split("\n")
+            except BlockingIOError:
+                return
 
 
 def camera_appears(out, patience=15):

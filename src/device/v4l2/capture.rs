@@ -1,5 +1,6 @@
 //! A V4L2 camera as a source of frames.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::time::Duration;
 
@@ -43,7 +44,7 @@ pub struct CaptureParams {
 
 impl Default for CaptureParams {
     fn default() -> Self {
-        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, buffers: 4 }
+        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, buffers: 6 }
     }
 }
 
@@ -52,7 +53,7 @@ impl Default for CaptureParams {
 pub struct Counts {
     /// Frames lent.
     pub frames: u64,
-    /// Frames given back unseen because a newer one was there.
+    /// Frames given back unseen: so many had come that the driver had no buffer left, and newer ones were there.
     pub dropped: u64,
     /// Frames that the driver counted but did not give.
     pub missing: u64,
@@ -74,8 +75,9 @@ pub struct Capture {
     format: StreamFormat,
     /// Bytes of a whole frame; 0 for compressed formats.
     whole: usize,
-    /// The buffer that is lent.
+    /// The buffer that is lent, and those that will be next.
     lent: Option<usize>,
+    ready: VecDeque<(Returned, Stamp)>,
     timeline: Timeline,
     counts: Counts,
     /// The stream failed and was restarted, and no frame came since.
@@ -116,6 +118,7 @@ impl Capture {
             return Err(DeviceError::Unsupported { path, what });
         }
         let mut capture = Self {
+            ready: VecDeque::with_capacity(queue.len()),
             queue,
             wake,
             format,
@@ -153,6 +156,7 @@ impl Capture {
     /// Gives every buffer to the driver and starts the stream.
     fn start(&mut self) -> Result<(), DeviceError> {
         self.lent = None;
+        self.ready.clear();
         while let Some(index) = self.queue.ours() {
             self.queue.enqueue(index, 0, 0).map_err(|errno| self.queue.node().error("give a buffer to", errno))?;
         }
@@ -197,19 +201,22 @@ impl Capture {
         (!camera.is_empty()).then_some(camera)
     }
 
-    /// The newest of the frames that are there; older ones go back unseen. `None` where there is none.
-    fn newest(&mut self) -> Result<Option<(Returned, Stamp)>, Errno> {
-        let mut newest: Option<(Returned, Stamp)> = None;
-        // No more often than there are buffers: those given back below may come again.
-        for _ in 0..self.queue.len() {
+    /// Takes the frames that are there, in order. Where all buffers are full the driver loses frames, and the picture is late: then
+    /// only the newest is kept.
+    fn take_in(&mut self) -> Result<(), Errno> {
+        while self.ready.len() < self.queue.len() {
             let Some(returned) = self.queue.dequeue()? else { break };
             let stamp = self.timeline.stamp(returned.sequence, returned.time, monotonic_ns());
-            if let Some((older, _)) = newest.replace((returned, stamp)) {
-                self.queue.enqueue(older.index, 0, 0)?;
+            self.ready.push_back((returned, stamp));
+        }
+        // One more was given back just now, too late to be filled.
+        if self.ready.len() + 1 >= self.queue.len() {
+            for (stale, _) in self.ready.drain(..self.ready.len().saturating_sub(1)) {
+                self.queue.enqueue(stale.index, 0, 0)?;
                 self.counts.dropped += 1;
             }
         }
-        Ok(newest)
+        Ok(())
     }
 
     /// A camera that says nothing for long is started anew: some stop after a glitch of the bus or a suspend.
@@ -251,6 +258,9 @@ impl FrameSource for Capture {
             self.recover("give a buffer back to", errno)?;
         }
         let (returned, mut stamp) = loop {
+            if let Some(next) = self.ready.pop_front() {
+                break next;
+            }
             let Some(events) = self.wait() else {
                 self.stir()?;
                 return Ok(Lent::Idle);
@@ -258,11 +268,12 @@ impl FrameSource for Capture {
             if events.contains(PollFlags::HUP) {
                 return Err(DeviceError::Gone { path: self.path().to_path_buf() });
             }
-            match self.newest() {
-                Ok(Some(newest)) => break newest,
+            match self.take_in() {
                 // POLLERR stays until something is done about it.
-                Ok(None) if events.intersects(PollFlags::ERR | PollFlags::NVAL) => self.recover("stream from", Errno::IO)?,
-                Ok(None) => {}
+                Ok(()) if self.ready.is_empty() && events.intersects(PollFlags::ERR | PollFlags::NVAL) => {
+                    self.recover("stream from", Errno::IO)?;
+                }
+                Ok(()) => {}
                 Err(errno) => self.recover("take a frame from", errno)?,
             }
         };

@@ -10,6 +10,7 @@ use v4l::v4l_sys::{
 
 use super::super::{DeviceError, FrameSink, StreamFormat};
 use super::LOAD_LOOPBACK;
+use super::create::create;
 use super::enumerate::LOOPBACK_DRIVER;
 use super::find::candidates;
 use super::node::{Direction, Node, wish};
@@ -40,6 +41,8 @@ pub struct LoopbackParams {
     pub colour: Colour,
     /// Buffers to share with the driver (2 to 32); v4l2loopback gives no more than its `max_buffers`, usually 2.
     pub buffers: u32,
+    /// Whether a device is to be made where none answers to `device` or all that do are in use.
+    pub create: bool,
 }
 
 /// An open, streaming loopback device.
@@ -73,14 +76,27 @@ impl Loopback {
     /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
     /// holds another format, else [`DeviceError::Io`]; each says what to do.
     pub fn open(params: &LoopbackParams) -> Result<Self, DeviceError> {
-        let mut busy = None;
-        for path in candidates(&params.device, Direction::Output)? {
-            match Self::open_path(path, params) {
-                Err(error @ DeviceError::Busy { .. }) => busy = busy.or(Some(error)),
-                other => return other,
+        let missing = match candidates(&params.device, Direction::Output) {
+            Err(error) => error,
+            Ok(paths) => {
+                let mut missing = DeviceError::Gone { path: PathBuf::from(&params.device) };
+                for path in paths {
+                    let there = path.exists();
+                    match Self::open_path(path, params) {
+                        Err(error) if matches!(error, DeviceError::Busy { .. }) || !there => missing = error,
+                        other => return other,
+                    }
+                }
+                missing
             }
+        };
+        // One that is there by this very name is not to be made a second time.
+        let named = params.device.trim();
+        let path = if named.starts_with('/') { PathBuf::from(named) } else { PathBuf::from(format!("/dev/video{named}")) };
+        if !params.create || path.exists() {
+            return Err(missing);
         }
-        Err(busy.unwrap_or(DeviceError::Gone { path: PathBuf::from(&params.device) }))
+        Self::open_path(create(&params.device)?, params)
     }
 
     fn open_path(path: PathBuf, params: &LoopbackParams) -> Result<Self, DeviceError> {
@@ -180,7 +196,7 @@ impl Loopback {
     fn send(&mut self, index: usize, time_ns: i64) -> Result<(), DeviceError> {
         // Readers take it ill when time goes back, as from a picture sent again to one that a camera took before that; and V4L2
         // carries whole microseconds, of which zero would mean "now": v4l2loopback wants always or never.
-        let time_ns = time_ns.min(monotonic_ns()).max(self.last_time_ns.saturating_add(1000)).max(1000);
+        let time_ns = time_ns.max(self.last_time_ns.saturating_add(1000)).max(1000);
         self.last_time_ns = time_ns;
         self.queue.enqueue(index, self.whole, time_ns).map_err(|errno| self.queue.node().error("send a frame to", errno))?;
         self.last = Some(index);
@@ -344,6 +360,7 @@ mod tests {
             interval: (1, 30),
             colour: Colour::default(),
             buffers: 2,
+            create: false,
         };
         let error = |params: LoopbackParams| Loopback::open(&params).unwrap_err().to_string();
         assert!(error(params.clone()).contains("modprobe v4l2loopback"));

@@ -1,9 +1,10 @@
 //! Real devices: V4L2 cameras and v4l2loopback.
 //!
-//! The only part of the device floor with `unsafe`: `node` (ioctls) and `queue` (memory shared with the driver). Everything else
+//! The only part of the device floor with `unsafe`: `node` (ioctls), `create` (one more) and `queue` (memory shared with the driver). Everything else
 //! here uses those two safely.
 
 mod capture;
+mod create;
 mod enumerate;
 mod find;
 mod hotplug;

@@ -1,0 +1,72 @@
+"""720p at 30 a second from the camera to a reader. In the virtual machine; arguments: the program, for how long (600 seconds).
+
+Nothing that the camera delivered may be lost, the order is kept, the daemon adds little, and its memory stays as it is.
+"""
+import re
+import sys
+
+from rig import Camera, Daemon, Reader, Report, camera_appears, loopback, now, percentile
+
+SECONDS = float(sys.argv[2]) if len(sys.argv) > 2 else 600.0
+SIZE, FPS = (1280, 720), 30
+report, out = Report(), loopback()
+# The pattern moves slowly enough to be followed as a camera's motion.
+Camera.control("test_pattern=0,horizontal_movement=%s,vertical_movement=%s" % (sys.argv[3:5] if len(sys.argv) > 4 else (4, 3)))
+
+with Reader(Camera.path(), size=SIZE, fps=FPS) as camera:
+    frames = camera.frames(10)[10:]
+own = [1000 * (frame.came - frame.taken) for frame in frames]
+report.say(f"the camera alone: {len(frames)} frames, {percentile(own, 0.5):.2f} ms old when read (median), "
+           f"{percentile(own, 0.99):.2f} (99 of 100)")
+
+daemon = Daemon(sys.argv[1], out, "camera.format=yuyv", f"camera.width={SIZE[0]}", f"camera.height={SIZE[1]}",
+                f"camera.fps={FPS}").start()
+report.check("the loopback becomes a camera", camera_appears(out))
+with Reader(out) as reader:
+    report.check("the picture is live", reader.live(10, 30) is not None)
+    ages, gaps, backwards, dark, count, memory = [], [], 0, 0, 0, []
+    before, begun, cpu = reader.frame(2), now(), daemon.cpu()
+    next_look = begun
+    while now() < begun + SECONDS:
+        frame = reader.frame(2)
+        if frame is None:
+            report.check(f"a frame within 2 s, at {now() - begun:.1f} s", False)
+            break
+        count += 1
+        ages.append(1000 * (frame.came - frame.taken))
+        step = round((frame.taken - before.taken) * FPS)
+        if step > 1:
+            gaps.append((frame.taken - begun, step - 1))
+        backwards += frame.taken <= before.taken
+        dark += not frame.live
+        before = frame
+        if now() >= next_look:
+            memory.append((daemon.memory(), daemon.descriptors()))
+            next_look += max(5.0, SECONDS / 60)
+            if len(memory) % 10 == 1:
+                report.say(f"      {count} frames, {memory[-1][0]:.1f} MiB, {memory[-1][1]} descriptors")
+    seconds, cpu = now() - begun, daemon.cpu() - cpu
+report.check("it ends well", daemon.stop() == 0)
+said = daemon.said()
+closed = re.findall(r"camera closed.*Counts \{ frames: (\d+), dropped: (\d+), missing: (\d+)", said)
+totals = re.findall(r"frames_in: (\d+), frames_out: (\d+), stabilized: (\d+), held: (\d+), passed_through: (\d+), damaged: (\d+), dropped: (\d+)", said)
+sent = re.findall(r"loopback closed.*sent=(\d+) dropped=(\d+)", said)
+report.say("      camera: %s frames, %s given back unseen, %s not given by the driver" % closed[-1])
+report.say("      pipeline: %s in, %s out: %s stabilized, %s held, %s passed through; %s damaged, %s dropped" % totals[-1])
+report.say("      loopback: %s sent, %s without a buffer" % sent[-1])
+missed = sum(lost for _, lost in gaps)
+report.say(f"      reader: {count} frames in {seconds:.1f} s ({count / seconds:.3f} a second), {missed} of the camera's ticks not seen",
+           [f"{lost} at {at:.1f} s" for at, lost in gaps[:20]])
+delivered_and_lost = int(closed[-1][1]) + int(totals[-1][6]) + int(sent[-1][1])
+report.check(f"{delivered_and_lost} frames lost that the camera delivered", delivered_and_lost == 0)
+report.check(f"{missed} not seen by the reader, {closed[-1][2]} of them lost by the driver", missed <= int(closed[-1][2]))
+report.check(f"order kept: {backwards} times back, {dark} pictures dark", backwards == 0 and dark == 0)
+added = [age - percentile(own, 0.5) for age in ages]
+report.say("      age when read: median %.2f ms, 99 of 100 %.2f, worst %.2f" % tuple(percentile(ages, p) for p in (0.5, 0.99, 1)))
+report.check("added: median %.2f ms, 99 of 100 %.2f (20 at most), worst %.2f" % tuple(percentile(added, p) for p in (0.5, 0.99, 1)),
+             percentile(added, 0.99) <= 20)
+early, late = [m for m, _ in memory[1:4]], [m for m, _ in memory[-3:]]
+report.check(f"memory {min(early):.1f} then {max(late):.1f} MiB", max(late) <= max(early) + 2)
+report.check(f"descriptors {memory[0][1]} then {memory[-1][1]}", memory[-1][1] <= memory[0][1])
+report.say(f"      {100 * cpu / seconds:.1f} % of a core")
+report.end()

@@ -1,0 +1,121 @@
+"""Other programs read what gimbald writes, by each of its formats; it reads a camera that gives JPEG; it makes its own device.
+
+In the virtual machine; arguments: the program, width, height, frames a second (640 480 30).
+"""
+import glob
+import os
+import subprocess
+import sys
+import time
+
+from rig import Camera, Daemon, Manager, Reader, Report, camera_appears, identity, identity_or_none, loopback, nodes, until
+
+WIDTH, HEIGHT, FPS = (int(word) for word in sys.argv[2:5]) if len(sys.argv) > 4 else (640, 480, 30)
+SIZE = [f"camera.width={WIDTH}", f"camera.height={HEIGHT}", f"camera.fps={FPS}"]
+PATIENCE = 240
+report, out, manager = Report(), loopback(), Manager()
+version = open("/sys/module/v4l2loopback/version").read().strip()
+report.say(f"v4l2loopback {version}, {out}, {WIDTH}x{HEIGHT} at {FPS}")
+Camera.move()
+BYTES = {"yuyv": WIDTH * HEIGHT * 2, "i420": WIDTH * HEIGHT * 3 // 2, "nv12": WIDTH * HEIGHT * 3 // 2}
+
+
+def run(what, frame_bytes, frames, arguments):
+    """A program that writes raw frames to its standard output: how many, and how many different bright ones."""
+    try:
+        done = subprocess.run(arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        report.check(f"{what}: did not end", False)
+        return
+    data = done.stdout
+    pictures = [data[at:at + frame_bytes] for at in range(0, len(data) - frame_bytes + 1, frame_bytes)]
+    # luma in planar frames; in YUYV the even bytes
+    live = {hash(picture) for picture in pictures if sum(picture[0:WIDTH * HEIGHT:1022]) / len(picture[0:WIDTH * HEIGHT:1022]) > 50}
+    report.check(f"{what}: {len(pictures)} of {frames} frames, {len(live)} live and different, exit {done.returncode}",
+                 done.returncode == 0 and len(pictures) >= frames and len(live) >= frames // 3)
+    if done.returncode:
+        print(done.stderr.decode(errors="replace")[-600:])
+
+
+def programs(pixel, frames):
+    size = BYTES[pixel]
+    gst = {"yuyv": "YUY2", "i420": "I420", "nv12": "NV12"}[pixel]
+    ffmpeg = {"yuyv": "yuyv422", "i420": "yuv420p", "nv12": "nv12"}[pixel]
+    run(f"v4l2-ctl, {pixel}", size, frames,
+        ["v4l2-ctl", "-d", out, "--stream-mmap", f"--stream-count={frames}", "--stream-to=-"])
+    run(f"ffmpeg, {pixel}", size, frames,
+        ["ffmpeg", "-nostdin", "-loglevel", "error", "-f", "v4l2", "-i", out, "-frames:v", str(frames), "-f", "rawvideo",
+         "-pix_fmt", ffmpeg, "-"])
+    run(f"gst-launch, {pixel}", size, frames,
+        ["gst-launch-1.0", "-q", "v4l2src", f"device={out}", f"num-buffers={frames}", "!",
+         f"video/x-raw,format={gst},width={WIDTH},height={HEIGHT}", "!", "fdsink", "fd=1"])
+
+
+def stopped(daemon):
+    report.check("it stops", daemon.stop(30) == 0)
+
+
+for pixel in ("yuyv", "i420", "nv12"):
+    daemon = Daemon(sys.argv[1], out, *SIZE, f"output.format={pixel}", "output.linger_s=1").start()
+    report.check(f"{pixel}: the loopback becomes a camera", camera_appears(out, 60))
+    programs(pixel, 30)
+    stopped(daemon)
+
+report.say("a reader through a restart of the daemon, and one of another format")
+daemon = Daemon(sys.argv[1], out, *SIZE, env={"NOTIFY_SOCKET": manager.path}).start()
+camera_appears(out, 60)
+with Reader(out) as reader:
+    report.check("live", reader.live(60) is not None)
+    stopped(daemon)
+    daemon.start()
+    report.check("live again, without opening it anew", reader.live(60) is not None)
+    stopped(daemon)
+    other = Daemon(sys.argv[1], out, "camera.width=320", "camera.height=180", "camera.fps=15").start()
+    report.check("live from a daemon whose camera has another size", reader.live(60) is not None)
+    report.check("in the size that the reader has", (reader.width, reader.height) == (WIDTH, HEIGHT))
+    stopped(other)
+
+report.say("a camera that gives JPEG: ffmpeg writes to a second loopback")
+spare = next(path for path in nodes() if path != out and identity_or_none(path) == "v4l2 loopback")
+source = ["ffmpeg", "-nostdin", "-loglevel", "error", "-re", "-f", "lavfi", "-i", f"testsrc2=size=640x480:rate={min(FPS, 15)}",
+          "-pix_fmt", "yuvj422p", "-c:v", "mjpeg", "-f", "v4l2", spare]
+ffmpeg = subprocess.Popen(source, stderr=subprocess.DEVNULL)
+time.sleep(3)
+daemon = Daemon(sys.argv[1], out, f"camera.device={spare}", "output.linger_s=1").start()
+report.check("the loopback becomes a camera", camera_appears(out, 60))
+with Reader(out) as reader:
+    report.check("live from JPEG", reader.live(60, 5) is not None)
+    ffmpeg.kill()
+    ffmpeg.wait()
+    time.sleep(2)
+    report.check("the daemon lives on without it", daemon.alive())
+    ffmpeg = subprocess.Popen(source, stderr=subprocess.DEVNULL)
+    report.check("live again when it is back", reader.live(60, 5) is not None)
+stopped(daemon)
+ffmpeg.kill()
+ffmpeg.wait()
+if "MJPG" not in daemon.said():
+    report.check("it was JPEG that was read", False)
+
+if glob.glob("/dev/v4l2loopback"):
+    report.say("a device of its own")
+    known = set(nodes())
+    label = "Steady camera"
+    daemon = Daemon(sys.argv[1], label, *SIZE, "output.create=true").start()
+    report.check("is made", until(30, lambda: set(nodes()) - known))
+    made = (set(nodes()) - known).pop() if set(nodes()) - known else out
+    name = open(f"/sys/class/video4linux/{os.path.basename(made)}/name").read().strip()
+    report.check(f"{made} has its label: {name}", name == label)
+    report.check("is a camera", camera_appears(made, 60) and identity(made)[1] & 3 == 1)
+    with Reader(made) as reader:
+        report.check("live", reader.live(60) is not None)
+    stopped(daemon)
+    before = set(nodes())
+    daemon.start()
+    report.check("is found by its label the next time", camera_appears(made, 60) and set(nodes()) == before)
+    stopped(daemon)
+else:
+    report.say("SKIPPED: this v4l2loopback makes no devices while it is loaded")
+if report.failed:
+    print(daemon.said()[-20000:])
+report.end()
