@@ -5,6 +5,7 @@
 mod common;
 
 use common::{Shot, film, in_time};
+use gimbald::control::Tally;
 use gimbald::device::digest::DigestSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
@@ -122,10 +123,11 @@ impl FrameSink for WatchingSink {
     }
 }
 
-/// Looks at frames as a trace would, and switches stabilization off and on all the time.
+/// Looks at frames as a trace would, counts them as a daemon would, and switches stabilization off and on all the time.
 struct Looking {
     seen: u64,
     live: Arc<Live>,
+    tally: Tally,
 }
 
 impl Observer for Looking {
@@ -135,6 +137,10 @@ impl Observer for Looking {
             let params = self.live.params();
             self.live.set(&Params { enabled: !params.enabled, ..params });
         }
+    }
+
+    fn sent(&mut self, frame: &Frame) {
+        self.tally.sent(frame);
     }
 }
 
@@ -172,7 +178,8 @@ fn no_frame_takes_memory_once_it_is_warm() {
             let params = Params { shutter: shutter::Params { model, parameters }, ..Params::default() };
             let mut source = Watching { shots: shots.clone(), next: 0, live: pace == Some(Pace::Live), taken: [0; FRAMES] };
             let mut sink = WatchingSink { inner: DigestSink::new(&source.format()), taken: [0; FRAMES] };
-            let (stop, mut looking) = (Stop::default(), Looking { seen: 0, live: Arc::new(Live::new(&params)) });
+            let (stop, mut looking) =
+                (Stop::default(), Looking { seen: 0, live: Arc::new(Live::new(&params)), tally: Tally::default() });
             let totals = match pace {
                 None => run_inline(&mut source, &mut sink, &params, &stop, &mut looking),
                 Some(Pace::Live) => {

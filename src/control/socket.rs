@@ -6,7 +6,7 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, OFlags, flock};
 
 /// The socket's name in a runtime directory.
 const NAME: &str = "control.sock";
@@ -58,7 +58,10 @@ impl Place {
         }
         let mut lock_path = path.as_os_str().to_owned();
         lock_path.push(".lock");
-        let lock = OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).open(&lock_path);
+        // Where others may write, a link may wait there.
+        let nofollow = OFlags::NOFOLLOW.bits().cast_signed();
+        let mut options = OpenOptions::new();
+        let lock = options.write(true).create(true).truncate(false).mode(0o600).custom_flags(nofollow).open(&lock_path);
         let lock = lock.map_err(told("make its lock"))?;
         match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
@@ -163,6 +166,10 @@ mod tests {
         let error = Place::take(&path, 0o660, Some("no-such-group-here")).unwrap_err();
         assert!(error.contains("control.group"), "{error}");
         assert!(!path.exists(), "nothing is left of it");
+        fs::remove_file(scratch.0.join("s.lock")).unwrap();
+        std::os::unix::fs::symlink("elsewhere", scratch.0.join("s.lock")).unwrap();
+        assert!(Place::take(&path, 0o660, None).is_err() && !scratch.0.join("elsewhere").exists());
+        fs::remove_file(scratch.0.join("s.lock")).unwrap();
         let long = scratch.0.join("x".repeat(200));
         assert!(Place::take(&long, 0o660, None).unwrap_err().contains("control.socket"));
         assert!(Place::take(Path::new("/proc/gimbald/s"), 0o660, None).unwrap_err().contains("control.socket"));
