@@ -136,7 +136,7 @@ fn who_sees_enough_may_go() {
 
 #[test]
 fn bad_company_keeps_nobody_waiting() {
-    let rules = Rules { most_clients: 8, patience: Duration::from_secs(600) };
+    let rules = Rules { most_clients: 8, patience: Duration::from_secs(600), ..Rules::default() };
     served("company", rules, |scratch, desk, _| {
         // one who never ends a line, one who is silent, one who asks and never listens
         let mut endless = connected(scratch);
@@ -177,7 +177,7 @@ fn too_long_a_line_is_refused_and_hung_up_on() {
 
 #[test]
 fn more_than_may_talk_push_out_the_most_silent() {
-    let rules = Rules { most_clients: 4, patience: Duration::from_secs(600) };
+    let rules = Rules { most_clients: 4, patience: Duration::from_secs(600), ..Rules::default() };
     served("many", rules, |scratch, _, _| {
         let mut first = connected(scratch);
         let others: Vec<_> = (0..30).map(|_| connected(scratch)).collect();
@@ -190,7 +190,7 @@ fn more_than_may_talk_push_out_the_most_silent() {
 
 #[test]
 fn patience_ends() {
-    let rules = Rules { most_clients: 4, patience: Duration::from_millis(50) };
+    let rules = Rules { most_clients: 4, patience: Duration::from_millis(50), ..Rules::default() };
     served("patience", rules, |scratch, _, _| {
         let mut stream = connected(scratch);
         stream.write_all(b"stat").unwrap();
@@ -234,5 +234,22 @@ fn prometheus_is_answered() {
         assert!(get("POST /metrics HTTP/1.0\r\n\r\n").starts_with("HTTP/1.1 400"));
         // the socket's words do nothing here
         assert!(get("off\n\n").starts_with("HTTP/1.1 400"));
+    });
+}
+
+#[test]
+fn who_asks_without_end_waits_for_his_answers_and_gets_them_all() {
+    let rules = Rules { most_answers: 20, ..Rules::default() };
+    served("pace", rules, |scratch, _, _| {
+        let stream = connected(scratch);
+        let begun = std::time::Instant::now();
+        let mut answers = BufReader::new(&stream).lines();
+        for _ in 0..3 {
+            // more at once than are given at once
+            (&stream).write_all(&b"status\n".repeat(20)).unwrap();
+            assert!((0..20).all(|_| answers.next().unwrap().unwrap().contains("\"ok\":true")));
+        }
+        // sixty answers, twenty a second: never sooner, on however slow a machine
+        assert!(begun.elapsed() >= Duration::from_millis(1500), "{:?}", begun.elapsed());
     });
 }

@@ -21,14 +21,19 @@ pub struct Rules {
     pub most_clients: usize,
     /// Who neither asks anything whole nor takes an answer for this long is hung up on.
     pub patience: Duration,
+    /// Answers in a second, at most; who asks more waits. So nobody takes the processor away from the picture by asking.
+    pub most_answers: u32,
 }
 
 impl Default for Rules {
     fn default() -> Self {
-        Self { most_clients: 16, patience: Duration::from_secs(60) }
+        Self { most_clients: 16, patience: Duration::from_secs(60), most_answers: 500 }
     }
 }
 
+/// Bytes of answers that wait to be taken, before more is answered.
+const ENOUGH: usize = 1 << 14;
+const SECOND: Duration = Duration::from_secs(1);
 /// Bytes of an HTTP request's head, at most.
 const LONGEST_HEAD: usize = 8192;
 /// After a failure to take somebody in (no descriptor left), nobody is taken in for so long.
@@ -87,7 +92,14 @@ impl Server {
     pub fn serve(&self, desk: &Desk, done: &Wake) {
         let mut clients: Vec<Client> = Vec::new();
         let mut resting: Option<Instant> = None;
+        let (mut second, mut answered) = (Instant::now(), 0);
         loop {
+            if answered >= self.rules.most_answers && done.wait(SECOND.saturating_sub(second.elapsed())) {
+                return;
+            }
+            if second.elapsed() >= SECOND {
+                (second, answered) = (Instant::now(), 0);
+            }
             let resting_left = resting.map(|until| until.saturating_duration_since(Instant::now()));
             resting = resting.filter(|until| *until > Instant::now());
             let ready = self.wait(&clients, done, resting_left);
@@ -99,7 +111,7 @@ impl Server {
             clients.retain_mut(|client| {
                 let active = talking.get(index).copied().unwrap_or_default();
                 index += 1;
-                let stays = if active { client.talk(desk) } else { true };
+                let stays = if active { client.talk(desk, &mut answered) } else { true };
                 stays && client.since.elapsed() < self.rules.patience
             });
             let failed = (socket && !self.take_in(&mut clients)) || (metrics && !self.take_in_http(&mut clients));
@@ -254,21 +266,33 @@ struct Client {
 
 impl Client {
     /// Takes and gives what goes at once; false when it is over.
-    fn talk(&mut self, desk: &Desk) -> bool {
-        if !self.output.is_empty() {
-            return self.give();
+    fn talk(&mut self, desk: &Desk, answered: &mut u32) -> bool {
+        if self.output.is_empty() {
+            let mut buffer = [0; 2048];
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return false,
+                Ok(read) => self.input.extend_from_slice(&buffer[..read]),
+                Err(error) => return matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted),
+            }
         }
-        let mut buffer = [0; 2048];
-        match self.stream.read(&mut buffer) {
-            Ok(0) => return false,
-            Ok(read) => self.input.extend_from_slice(&buffer[..read]),
-            Err(error) => return matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted),
+        loop {
+            if self.output.is_empty() {
+                match self.stream {
+                    Stream::Unix(_) => self.hear_lines(desk, answered),
+                    Stream::Tcp(_) => self.hear_http(desk, answered),
+                }
+            }
+            // nothing whole was heard, or it is not taken now
+            if self.output.is_empty() {
+                return true;
+            }
+            if !self.give() {
+                return false;
+            }
+            if !self.output.is_empty() {
+                return true;
+            }
         }
-        match self.stream {
-            Stream::Unix(_) => self.hear_lines(desk),
-            Stream::Tcp(_) => self.hear_http(desk),
-        }
-        self.output.is_empty() || self.give()
     }
 
     /// Gives what is taken at once; false when it is over.
@@ -284,23 +308,21 @@ impl Client {
         !(self.last && self.output.is_empty())
     }
 
-    /// Answers every whole line that was heard: as many as one reading brought, so their answers are few.
-    fn hear_lines(&mut self, desk: &Desk) {
+    /// Answers the whole lines that were heard, until there is enough to give.
+    fn hear_lines(&mut self, desk: &Desk, answered: &mut u32) {
         let mut begin = 0;
-        while let Some(length) = self.input[begin..].iter().position(|byte| *byte == b'\n') {
+        while self.output.len() < ENOUGH
+            && let Some(length) = self.input[begin..].iter().position(|byte| *byte == b'\n')
+        {
             let reply = answer(&self.input[begin..begin + length], desk, &self.who);
             self.output.extend_from_slice(reply.as_bytes());
             self.output.push(b'\n');
             begin += length + 1;
+            *answered = answered.saturating_add(1);
             self.since = Instant::now();
-            if self.output.len() > MOST_ANSWERS {
-                // who asks faster than he listens
-                self.last = true;
-                break;
-            }
         }
         self.input.drain(..begin);
-        if self.input.len() > LONGEST_REQUEST {
+        if self.input.len() > LONGEST_REQUEST && !self.input.contains(&b'\n') {
             let what = format!("{{\"ok\":false,\"error\":\"a request has at most {LONGEST_REQUEST} bytes\"}}\n");
             self.output.extend_from_slice(what.as_bytes());
             self.input.clear();
@@ -309,11 +331,12 @@ impl Client {
     }
 
     /// Answers a GET with the metrics, once.
-    fn hear_http(&mut self, desk: &Desk) {
+    fn hear_http(&mut self, desk: &Desk, answered: &mut u32) {
         let ended = self.input.windows(4).any(|end| end == b"\r\n\r\n") || self.input.windows(2).any(|end| end == b"\n\n");
         if !ended && self.input.len() < LONGEST_HEAD {
             return;
         }
+        *answered = answered.saturating_add(1);
         let asked = self.input.split(|byte| byte.is_ascii_whitespace()).take(2).collect::<Vec<_>>();
         let (state, media, body) = match asked.as_slice() {
             [b"GET", b"/metrics" | b"/"] if ended => {
@@ -330,6 +353,3 @@ impl Client {
         self.last = true;
     }
 }
-
-/// Bytes of answers that may wait for one who asks many things at once.
-const MOST_ANSWERS: usize = 1 << 18;
