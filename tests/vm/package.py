@@ -74,7 +74,7 @@ report.check("and runs", until(20, lambda: run("systemctl", "is-active", "gimbal
 listed = run("dpkg", "-L", "gimbald")[1].split()
 for path in [
     "/etc/gimbald.toml", "/etc/modprobe.d/gimbald.conf", "/usr/lib/udev/rules.d/60-gimbald.rules",
-    "/usr/share/man/man1/gimbald.1.gz", "/usr/share/man/man1/gimbald-status.1.gz", "/usr/share/doc/gimbald/copyright",
+    "/usr/share/man/man1/gimbald.1.gz", "/usr/share/man/man5/gimbald.toml.5.gz", "/usr/share/man/man1/gimbald-status.1.gz", "/usr/share/doc/gimbald/copyright",
     "/usr/share/bash-completion/completions/gimbald", "/usr/share/zsh/vendor-completions/_gimbald",
 ]:
     report.check(f"{path} is there", path in listed)
@@ -249,6 +249,29 @@ else:
     report.check("each has its own state", works("systemctl", "stop", "gimbald@door"))
 run("modprobe", "-r", "vivid")
 run("modprobe", "vivid")
+
+report.say("as on a fresh machine: nothing loaded, nothing configured")
+with open("/etc/gimbald.toml") as file:
+    ours = file.read()
+write("/etc/gimbald.toml", "")
+works("systemctl", "stop", "gimbald")
+report.check("the module is unloaded", works("modprobe", "-r", "v4l2loopback"))
+report.check("starts", works("systemctl", "start", "gimbald"))
+with open("/sys/module/v4l2loopback/parameters/max_buffers") as file:
+    report.check("and has loaded the module as packed", file.read().strip() == "8")
+run("udevadm", "settle")
+link = "/dev/gimbald/gimbald"
+report.check("the device is found by its label", os.path.islink(link))
+report.check("and becomes a camera", os.path.islink(link) and camera_appears(os.path.realpath(link)))
+Camera.move()
+if os.path.islink(link):
+    with Reader(os.path.realpath(link)) as reader:
+        report.check("a live picture comes", reader.live(15) is not None)
+        report.say("      ", f"{reader.width}x{reader.height}")
+code, said = run("gimbald", "doctor")
+report.say(said)
+report.check("doctor has nothing to say", code == 0)
+write("/etc/gimbald.toml", ours)
 
 report.say("upgrade and removal")
 works("systemctl", "start", "gimbald")
