@@ -271,7 +271,15 @@ if os.path.islink(link):
 code, said = run("gimbald", "doctor")
 report.say(said)
 report.check("doctor has nothing to say", code == 0)
-write("/etc/gimbald.toml", ours)
+works("systemctl", "stop", "gimbald")
+run("modprobe", "-r", "v4l2loopback")
+run("modprobe", "v4l2loopback", "devices=2", "exclusive_caps=1,1", "card_label=gimbald desk,gimbald door")
+run("udevadm", "settle")
+outs = [path for path in nodes() if identity(path)[0] == "v4l2 loopback"]
+report.check("two devices, and both are found", sorted(os.path.realpath(f"/dev/gimbald/{name}") for name in os.listdir("/dev/gimbald")) == outs)
+report.say("      ", *os.listdir("/dev/gimbald"))
+write("/etc/gimbald.toml", ours.replace(out, outs[0]))
+write("/etc/gimbald/desk.toml", SETTINGS.format(camera="vivid", output=outs[-1]))
 
 report.say("upgrade and removal")
 works("systemctl", "start", "gimbald")
