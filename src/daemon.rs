@@ -35,9 +35,6 @@ const READY_WITHOUT_CAMERA: Duration = Duration::from_secs(20);
 /// A device that came is tried after this long: udev gives it its links and permissions.
 const SETTLED: Duration = Duration::from_millis(100);
 
-/// Where nobody watches, the daemon looks around this often: often enough for any watchdog worth having.
-const ROUND: Duration = Duration::from_secs(1);
-
 /// A camera that takes longer than this to open is no sign of life.
 const LONGEST_OPENING: Duration = Duration::from_secs(10);
 
@@ -358,12 +355,11 @@ impl Life<'_> {
         self.pulse.ready();
         self.backoff = Backoff::default();
         while !self.stop.is_set() && !self.is_wanted() {
-            // A visitor who only looks in gets a picture at once as well.
-            if let Err(ended) = self.show() {
-                return ended;
+            // Who only looks in gets a picture as well, and who comes gets none that is old.
+            if let Err(error) = self.screen.as_mut().map_or(Ok(()), Screen::rest) {
+                return Ended::ScreenWaits(error);
             }
-            let visited = self.screen.as_ref().is_some_and(|screen| screen.audience.seats().are_taken());
-            self.wake.wait(if visited { SHOW_EVERY } else { ROUND });
+            self.wake.wait(SHOW_EVERY);
             self.pulse.beat();
         }
         Ended::Unwanted

@@ -69,6 +69,14 @@ impl Screen {
         (0..=self.loopback.buffers()).try_for_each(|_| self.show_placeholder())
     }
 
+    /// Once it was cleared, and until something else is sent: shows the same, as of now.
+    ///
+    /// # Errors
+    /// As [`FrameSink::submit`].
+    pub(super) fn rest(&mut self) -> Result<(), DeviceError> {
+        self.loopback.renew()
+    }
+
     fn show_placeholder(&mut self) -> Result<(), DeviceError> {
         let canvas = self.loopback.canvas()?;
         canvas.planes.into_iter().zip(self.placeholder.as_ref().planes).for_each(|(mut to, from)| to.copy_from(from));
@@ -91,9 +99,6 @@ impl FrameSink for Screen {
     }
 
     fn idle(&mut self) -> Result<(), DeviceError> {
-        if !self.audience.seats().are_taken() {
-            return Ok(());
-        }
         if monotonic_ns().saturating_sub(self.live_ns) < BRIDGE_NS { self.loopback.repeat() } else { self.show_placeholder() }
     }
 }

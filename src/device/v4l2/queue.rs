@@ -167,6 +167,9 @@ impl Drop for Queue {
             // SAFETY: mapped by `new` with this address and length, and nothing borrows it: we hold `&mut self`, at the end.
             let _ = unsafe { munmap(mapping.start.as_ptr().cast(), mapping.length) };
         }
-        let _ = self.node.request_buffers(self.direction, 0);
+        // Not a loopback's: v4l2loopback 0.12 would forget what its readers have mapped. Closing frees them as well.
+        if self.direction == Direction::Capture {
+            let _ = self.node.request_buffers(self.direction, 0);
+        }
     }
 }
