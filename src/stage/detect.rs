@@ -101,6 +101,11 @@ impl Detector {
         Self { params, next_id: 0, grid: Grid::default() }
     }
 
+    /// Takes the least contrast from `params`. The count of points stays: there is room for so many.
+    pub fn set_params(&mut self, params: &Params) {
+        self.params.min_contrast = params.min_contrast;
+    }
+
     /// Thins `features` to one a cell (the oldest stays) and adds one to each empty cell of `frame`'s picture that has
     /// something to follow. A flat picture gets none. Allocates only where the picture's size changed.
     pub fn replenish(&mut self, frame: &Frame, features: &mut Vec<Feature>) {

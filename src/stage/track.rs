@@ -98,6 +98,11 @@ impl Tracker {
         Self { params, level, found: Vec::with_capacity(MOST_FEATURES), shifts: Vec::with_capacity(MOST_FEATURES) }
     }
 
+    /// Takes the largest round trip from `params`; the window stays.
+    pub fn set_params(&mut self, params: &Params) {
+        self.params.max_round_trip_px = params.max_round_trip_px;
+    }
+
     /// Follows `features` from `before` into `now`. Those that are found move on, the others go; `now.context.tracks` gets one
     /// track each, in the same order. Pictures of different size have no tracks.
     ///
