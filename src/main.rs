@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use gimbald::command::{Exit, Failure, calibrate, check, demo, devices, record, replay, run};
+use gimbald::command::{Exit, Failure, bench, calibrate, check, demo, devices, record, replay, run};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -23,6 +23,8 @@ enum Command {
     Record(record::Args),
     /// Find out a camera's readout time and field of view from a recorded stream, or from the camera while it is moved about
     Calibrate(calibrate::Args),
+    /// Measure what a frame costs on this machine, and which frame rates it can hold
+    Bench(bench::Args),
     /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
     Demo(demo::Args),
     /// List cameras and loopback devices
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         Command::Replay(args) => replay::run(args),
         Command::Record(args) => record::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Bench(args) => bench::run(args),
         Command::Demo(args) => demo::run(args),
         Command::Devices => devices::run(),
         Command::Check(args) => check::run(args),

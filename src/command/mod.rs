@@ -1,5 +1,6 @@
 //! What the program can be told to do: one file a command.
 
+pub mod bench;
 pub mod calibrate;
 pub mod check;
 pub mod demo;

@@ -10,6 +10,7 @@ pub mod null;
 mod output;
 pub mod paced;
 pub mod recording;
+pub mod rehearsal;
 pub mod replay;
 pub mod synthetic;
 pub mod y4m;
