@@ -3,17 +3,18 @@
 //! The map from output to input pixels is taken exactly at the nodes of a mesh and interpolated linearly between them, along columns
 //! first; within a cell a row of output pixels then lies on a straight line through the input.
 
-mod quick;
+mod mesh;
 
 use crate::geometry::OutputMap;
 use crate::image::{PictureMut, PictureRef, PlaneMut, PlaneRef, Sampling, Siting};
 use crate::kernel::{Level, warp};
-use quick::Quick;
+use mesh::mesh;
 
 /// Width of a mesh cell, luma pixels, as a power of two: narrow ones...
 const NARROW_BITS: u32 = 4;
-/// ...and twice as wide ones in pictures of this many columns, over which lines bend less, unless they are shrunk by more than this.
-const WIDE_PICTURE: usize = 600;
+/// ...and wider ones in pictures of so many columns, where lines bend less from pixel to pixel, unless they are shrunk by more than
+/// this.
+const WIDE_PICTURES: [usize; 2] = [600, 1200];
 const SHRUNK: f64 = 1.25;
 /// Height of a mesh cell, luma pixels, as a power of two: low ones, so that rows of the picture may each move on their own...
 const LOW_BITS: u32 = 3;
@@ -63,8 +64,9 @@ impl Warper {
         if width == 0 || height == 0 {
             return;
         }
-        let wide = width >= WIDE_PICTURE && (input.width() as f64) < SHRUNK * width as f64;
-        self.wide_bits = NARROW_BITS + u32::from(wide);
+        let shrunk = input.width() as f64 > SHRUNK * width as f64;
+        let wider = WIDE_PICTURES.iter().filter(|&&least| width >= least && !shrunk).count();
+        self.wide_bits = NARROW_BITS + wider as u32;
         self.high_bits = LOW_BITS + u32::from(height >= HIGH_PICTURE);
         self.take_nodes(map, [width, height]);
         let chroma = lattice(output.sampling, self.siting).filter(|_| input.sampling == output.sampling);
@@ -85,13 +87,9 @@ impl Warper {
         self.lines.iter_mut().for_each(|lines| lines.resize(self.columns - 1, 0));
         let [xs, ys] = &mut self.nodes;
         let rows = xs.chunks_exact_mut(self.columns).zip(ys.chunks_exact_mut(self.columns));
-        let quick = Quick::of(map);
+        let mesh = mesh(map);
         for (j, (xs, ys)) in rows.enumerate() {
-            let y = (j << self.high_bits) as f64;
-            for (i, (node_x, node_y)) in xs.iter_mut().zip(ys).enumerate() {
-                let [x, y] = quick.apply([(i << self.wide_bits) as f64, y]);
-                (*node_x, *node_y) = (fixed(x), fixed(y));
-            }
+            warp::nodes(self.level, &mesh, (j << self.high_bits) as f64, self.wide_bits, xs, ys);
         }
     }
 
@@ -118,13 +116,6 @@ impl Warper {
             }
         }
     }
-}
-
-/// 16.16 fixed point, rounded to nearest; what lies further out than a mesh may reach goes to its end, what is no number to 0.
-#[inline]
-fn fixed(value: f64) -> i32 {
-    let furthest = f64::from(warp::FURTHEST);
-    (value * f64::from(warp::ONE)).round_ties_even().clamp(-furthest, furthest) as i32
 }
 
 /// How chroma's samples lie; `None` where there are none.

@@ -27,6 +27,22 @@ pub struct Cells<'a> {
     pub wide: usize,
 }
 
+/// A line: its first point and the step from pixel to pixel (x, y).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    pub(super) start: [i32; 2],
+    pub(super) step: [i32; 2],
+}
+
+impl Cells<'_> {
+    /// The line of cell `i`; no line where there is none.
+    #[inline(always)]
+    pub(super) fn line(&self, i: usize) -> Line {
+        let of = |values: [&[i32]; 2]| values.map(|values| values.get(i).copied().unwrap_or(0));
+        Line { start: of(self.start), step: of(self.step) }
+    }
+}
+
 /// A row among the nodes: those above and those below it, luma pixels in 16.16 fixed point within [`FURTHEST`], and the way from
 /// the ones to the others, `part` >> `part_bits` (at most 1).
 #[derive(Clone, Copy, Debug)]
