@@ -87,9 +87,9 @@ fn one_size(record: &mut Record, name: &str, frames: &[Frame; 2]) {
     formats(&mut tell, picture, &frames[1].picture);
     warps(&mut tell, picture, &frames[1].picture);
     let mut tracked = frames[1].clone_of();
-    tell("detect", plane, &mut |_| {
+    tell("detect", plane, &mut |level| {
         let mut features = Vec::with_capacity(1000);
-        detect::Detector::new(detect::Params::default()).replenish(&frames[0], &mut features);
+        detect::Detector::with_level(detect::Params::default(), level).replenish(&frames[0], &mut features);
         black_box(&mut features);
     });
     let mut corners = Vec::new();
