@@ -321,6 +321,9 @@ impl Stabilizer {
             context.calibration = self.shutter.calibration().unwrap_or_default();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.reach(&context.map, &view);
+            if shown == 1.0 {
+                self.window.used(context.crop_use, interval_s);
+            }
             if context.outcome == Outcome::Pending {
                 context.outcome = match () {
                     () if presence == 0.0 => Outcome::PassedThrough(PassReason::SwitchedOff),

@@ -2,6 +2,7 @@
 
 use super::{Control, Key, Kind, Level, Metrics};
 use crate::image::PixelFormat;
+use crate::stage::crop;
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
 use crate::stage::smooth::Mode;
@@ -217,7 +218,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "smooth.mode",
         unit: "",
-        doc: "Path of the virtual camera: \"adaptive\" stands still as long as the crop allows, \"iir\" is a fixed low-pass.",
+        doc: "Path of the virtual camera: \"adaptive\" is as steady as the crop allows, \"iir\" is a fixed low-pass.",
         live: true,
         kind: choice!(pipeline.smooth.mode, "adaptive" => Mode::Adaptive, "iir" => Mode::Iir),
     },
@@ -238,9 +239,23 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "crop.zoom",
         unit: "ratio",
-        doc: "Magnification that hides the moving border; 1.1 shows the picture a tenth larger.",
+        doc: "Magnification that hides the moving border; 1.1 shows the picture a tenth larger. \"auto\" is as much as the shake needs, slowly.",
         live: true,
-        kind: number!(pipeline.crop.zoom, 1.0 to 2.0),
+        kind: Kind::NumberOrAuto {
+            range: (1.0, 2.0),
+            get: |s| (!s.pipeline.crop.auto).then_some(s.pipeline.crop.zoom),
+            set: |s, value| {
+                let crop = &mut s.pipeline.crop;
+                (crop.auto, crop.zoom) = (value.is_none(), value.unwrap_or(crop::Params::default().zoom));
+            },
+        },
+    },
+    Key {
+        name: "crop.max_zoom",
+        unit: "ratio",
+        doc: "zoom \"auto\": most magnification that shake is given.",
+        live: true,
+        kind: number!(pipeline.crop.max_zoom, 1.0 to 2.0),
     },
     Key {
         name: "output.device",

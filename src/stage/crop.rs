@@ -11,13 +11,17 @@ use crate::geometry::{Homography, OutputMap, Pose};
 /// Settings of the crop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
-    /// Magnification of the output (ratio, 1 to 2; 1.1 = a tenth larger).
+    /// Magnification of the output (ratio, 1 to 2; 1.1 = a tenth larger); with `auto` that at the beginning.
     pub zoom: f64,
+    /// Whether the magnification follows what the shake needs.
+    pub auto: bool,
+    /// Auto alone: most magnification (ratio, 1 to 2).
+    pub max_zoom: f64,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { zoom: 1.1 }
+        Self { zoom: 1.1, auto: false, max_zoom: 1.2 }
     }
 }
 
@@ -121,25 +125,65 @@ pub struct Window {
     /// The zoom as it is, and the one it is on its way to.
     zoom: f64,
     goal: f64,
+    /// Most zoom that shake is given; 0 where the zoom is fixed.
+    auto: f64,
+    /// Margin (share of the picture's size) that shake needed of late.
+    need: f64,
 }
 
-/// Most that the log of the zoom changes in a second.
+/// Most that the log of the zoom changes in a second, where it was told to.
 const GLIDE: f64 = 0.1;
+/// The same where shake asks for more, and where it needs less: too slow to be seen.
+const GROW: f64 = 0.008;
+const SHRINK: f64 = 0.003;
+/// Least zoom that shake is given: room for the first knock.
+const LEAST_AUTO: f64 = 1.02;
+/// Seconds for which a need is remembered.
+const NEED_S: f64 = 30.0;
+/// Share of the margin that a need should take; from [`FULL`] of it on, it may be that more was wanted, and [`MORE`] is given.
+const COMFORT: f64 = 0.8;
+const FULL: f64 = 0.9;
+const MORE: f64 = 1.3;
+/// Change of the log of the zoom that is not worth a move.
+const IDLE: f64 = 0.01;
 
 impl Window {
     /// A window for an input and an output picture of the given sizes (width, height).
     pub fn new(params: &Params, input: [usize; 2], output: [usize; 2]) -> Self {
-        Self { input: input.map(|n| n as f64), output: output.map(|n| n as f64), zoom: params.zoom, goal: params.zoom }
+        let mut window = Self { input: input.map(|n| n as f64), output: output.map(|n| n as f64), ..Self::default() };
+        window.set_params(params);
+        window.zoom = window.goal;
+        window
     }
 
     /// Takes new settings; the zoom glides to them.
     pub fn set_params(&mut self, params: &Params) {
-        self.goal = params.zoom;
+        self.auto = if params.auto { params.max_zoom.max(1.0) } else { 0.0 };
+        self.goal = if params.auto { params.zoom.min(self.auto) } else { params.zoom };
+        self.need = COMFORT * margin(self.goal);
+    }
+
+    /// Takes in how far into the margin a frame's correction reached ([`Window::reach`]): with auto, the zoom follows it.
+    pub fn used(&mut self, reach: f64, interval_s: f64) {
+        if self.auto == 0.0 {
+            return;
+        }
+        let wanted = if reach >= FULL { MORE * reach } else { reach };
+        self.need = (self.need * (-interval_s.max(0.0) / NEED_S).exp()).max(wanted * margin(self.zoom));
+        let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(LEAST_AUTO.min(self.auto), self.auto);
+        if (goal / self.goal).ln().abs() > IDLE {
+            self.goal = goal;
+        }
     }
 
     /// `interval_s` seconds go by.
     pub fn glide(&mut self, interval_s: f64) {
-        let most = GLIDE * interval_s.clamp(0.0, 1.0);
+        let rate = match (self.auto > 0.0, self.goal > self.zoom) {
+            (false, _) => GLIDE,
+            (true, true) => GROW,
+            (true, false) => SHRINK,
+        };
+        let most = rate * interval_s.clamp(0.0, 1.0);
         if self.zoom > 0.0 && self.zoom != self.goal {
             self.zoom = (self.goal / self.zoom).ln().clamp(-most, most).exp() * self.zoom;
             if (self.zoom / self.goal - 1.0).abs() < 1e-9 {
@@ -248,6 +292,11 @@ impl Window {
     }
 }
 
+/// The margin that a zoom hides, as a share of the picture's size.
+fn margin(zoom: f64) -> f64 {
+    0.5 * (1.0 - 1.0 / zoom.max(1.0))
+}
+
 /// A share of the margin as it may be: itself up to the knee, then bending towards 1.
 fn soften(wanted: f64) -> f64 {
     if wanted <= KNEE { wanted } else { KNEE + (1.0 - KNEE) * ((wanted - KNEE) / (1.0 - KNEE)).tanh() }
@@ -294,8 +343,8 @@ mod tests {
 
     #[test]
     fn the_zoom_glides_and_arrives() {
-        let mut window = Window::new(&Params { zoom: 1.1 }, [640, 480], [640, 480]);
-        window.set_params(&Params { zoom: 1.3 });
+        let mut window = Window::new(&Params { zoom: 1.1, ..Params::default() }, [640, 480], [640, 480]);
+        window.set_params(&Params { zoom: 1.3, ..Params::default() });
         let mut before = window.zoom;
         for _ in 0..60 {
             window.glide(1.0 / 30.0);
@@ -303,5 +352,26 @@ mod tests {
             before = window.zoom;
         }
         assert_eq!(before, 1.3);
+    }
+    #[test]
+    fn an_auto_zoom_follows_the_shake_within_its_limits_and_too_slowly_to_be_seen() {
+        let params = Params { auto: true, max_zoom: 1.25, ..Params::default() };
+        let mut window = Window::new(&params, [640, 480], [640, 480]);
+        // shake that needs a margin of `need` of the picture, for two minutes
+        let mut shake = |need: f64| {
+            for _ in 0..120 * 30 {
+                let before = window.zoom;
+                window.used((need / margin(window.zoom)).min(1.0), 1.0 / 30.0);
+                window.glide(1.0 / 30.0);
+                let rate = 30.0 * (window.zoom / before).ln();
+                assert!((-SHRINK - 1e-9..=GROW + 1e-9).contains(&rate), "{rate}");
+            }
+            window.zoom
+        };
+        assert!((shake(0.0) - LEAST_AUTO).abs() < 0.011);
+        let some = shake(0.06);
+        assert!((margin(some) * COMFORT / 0.06 - 1.0).abs() < 0.15, "{some}");
+        assert_eq!(shake(0.3), 1.25);
+        assert!(shake(0.02) < 1.12);
     }
 }

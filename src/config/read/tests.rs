@@ -59,12 +59,12 @@ fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
              key out for the default 0.6",
             "g.toml:6: fit.form = 3: expected one of \"constrained\", \"general\", found 3; choose such a value, or leave the key \
              out for the default \"constrained\"",
-            "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2 (ratio), found an array; choose such a value, or leave the \
-             key out for the default 1.1",
+            "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2, or \"auto\" (ratio), found an array; choose such a value, or \
+             leave the key out for the default 1.1",
             "g.toml:10: track.window = 10: expected a whole number from 8 to 24 in steps of 8 (pixels), found 10; choose such a value, or \
              leave the key out for the default 16",
-            "--set: crop.zoom = nan: expected a number from 1 to 2 (ratio), found NaN; choose such a value, or leave the key out \
-             for the default 1.1",
+            "--set: crop.zoom = nan: expected a number from 1 to 2, or \"auto\" (ratio), found NaN; choose such a value, or leave \
+             the key out for the default 1.1",
             "--set: nonsense: no = between key and value; write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5",
         ]
     );

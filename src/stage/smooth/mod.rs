@@ -1,24 +1,26 @@
 //! The virtual camera's path.
 //!
-//! Two drives say where it wants to go: the paper's low-pass ([`Mode::Iir`]) and one that uses the crop window for standing still
-//! ([`Mode::Adaptive`]). Where the window does not hold what the low-pass wants, all of it is made smaller, and slowly grows back;
-//! what stands still is pushed along by the window's edges, against motion outwards alone, so that it yields to the camera and is
-//! never thrown back. All in seconds, in steps far finer than a frame, so that the rate of the frames changes little.
+//! Two drives move it: one that forecasts the camera and plans its way through the crop window ([`Mode::Adaptive`]), and the paper's
+//! low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. Whatever they
+//! want, the crop window has the last word, frame by frame, on all that turns and zooms together. All is in seconds, so that the rate of
+//! the frames changes little.
 
 mod adaptive;
 mod forecast;
 mod iir;
 mod plan;
+mod tuning;
 
 use std::f64::consts::TAU;
 
 use super::crop::{Room, Rows};
 use crate::geometry::Pose;
+pub use tuning::Tuning;
 
 /// Which drive moves the virtual camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Stands still for as long as the crop window allows, follows a pan.
+    /// As little acceleration as the crop window allows: stands still under shake, glides after a pan.
     #[default]
     Adaptive,
     /// The paper's causal low-pass.
@@ -53,57 +55,6 @@ const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
 const STRENGTH_S: f64 = 1.0;
 
-/// Numbers of the adaptive drive.
-#[derive(Clone, Copy, Debug)]
-pub struct Tuning {
-    /// Ridge against which the forecast's weights are learned, half windows^2.
-    pub ridge: f64,
-    /// Seconds for which the forecast remembers.
-    pub forget_s: f64,
-    /// Seconds for which the forecast's errors are remembered.
-    pub error_s: f64,
-    /// Error that is expected of a forecast six ticks ahead, half windows.
-    pub first_error: f64,
-    /// Factor on the measured errors, and the least that is believed, half windows.
-    pub doubt: f64,
-    /// See `doubt`.
-    pub least_deviation: f64,
-    /// Rate at which speed is worth as much as acceleration, Hz.
-    pub drag_hz: f64,
-    /// Weight of jerk, of an excess over the window now, and later.
-    pub jerk: f64,
-    /// See `jerk`.
-    pub rho_now: f64,
-    /// See `jerk`.
-    pub rho: f64,
-    /// Seconds after which a foreseen excess counts e times less.
-    pub option_s: f64,
-    /// Speed at which the window ahead is half as wide, half windows to a tick.
-    pub lead_speed: f64,
-    /// Share of the window that the plan counts on later.
-    pub later: f64,
-}
-
-impl Default for Tuning {
-    fn default() -> Self {
-        Self {
-            ridge: 0.00003,
-            forget_s: 45.0,
-            error_s: 0.37,
-            first_error: 0.56,
-            doubt: 0.347,
-            least_deviation: 0.16,
-            drag_hz: 0.495,
-            jerk: 0.0145,
-            rho_now: 0.0152,
-            rho: 0.119,
-            option_s: 0.119,
-            lead_speed: 0.0097,
-            later: 0.85,
-        }
-    }
-}
-
 /// Moves the virtual camera.
 #[derive(Clone, Debug)]
 pub struct Smoother {
@@ -122,7 +73,7 @@ struct Channel {
     camera: f64,
     /// The virtual camera's.
     place: f64,
-    /// `None` until it is needed.
+    /// The adaptive drive, and whether it moved the place last.
     drive: adaptive::Drive,
     driven: bool,
     /// The paper's filter, and the part of its correction that the window allows.

@@ -1,0 +1,55 @@
+//! The numbers of the adaptive drive, in one place, because they were found together: by a random search over the camera paths of
+//! rendered and real clips and of synthetic hands, walks, vehicles, pans and logged gyroscopes at 15 to 60 frames a second. Weighed
+//! were the output's acceleration and jitter against the input's, and what a pan overshoots. What the search drove to nothing was taken
+//! out: a pull to a slow line through the camera's path, and the loss of speed where the window pushes.
+
+/// Numbers of the adaptive drive.
+#[derive(Clone, Copy, Debug)]
+pub struct Tuning {
+    /// Ridge against which the forecast's weights are learned, half windows^2.
+    pub ridge: f64,
+    /// Seconds for which the forecast remembers.
+    pub forget_s: f64,
+    /// Seconds for which the forecast's errors are remembered.
+    pub error_s: f64,
+    /// Error that is expected of a forecast six ticks ahead, half windows.
+    pub first_error: f64,
+    /// Factor on the measured errors, and the least that is believed, half windows.
+    pub doubt: f64,
+    /// See `doubt`.
+    pub least_deviation: f64,
+    /// Rate at which speed is worth as much as acceleration, Hz.
+    pub drag_hz: f64,
+    /// Weight of jerk, of an excess over the window now, and later.
+    pub jerk: f64,
+    /// See `jerk`.
+    pub rho_now: f64,
+    /// See `jerk`.
+    pub rho: f64,
+    /// Seconds after which a foreseen excess counts e times less.
+    pub option_s: f64,
+    /// Speed at which the window ahead is half as wide, half windows to a tick.
+    pub lead_speed: f64,
+    /// Share of the window that the plan counts on later.
+    pub later: f64,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self {
+            ridge: 0.00003,
+            forget_s: 45.0,
+            error_s: 0.37,
+            first_error: 0.56,
+            doubt: 0.347,
+            least_deviation: 0.16,
+            drag_hz: 0.495,
+            jerk: 0.0145,
+            rho_now: 0.0152,
+            rho: 0.119,
+            option_s: 0.119,
+            lead_speed: 0.0097,
+            later: 0.85,
+        }
+    }
+}
