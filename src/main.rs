@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{calibrate, check, demo, devices, doctor, record, replay, run, talk};
+use gimbald::command::{bench, calibrate, check, demo, devices, doctor, record, replay, run, talk};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -27,6 +27,7 @@ fn main() -> ExitCode {
             Command::Replay(args) => replay::run(args),
             Command::Record(args) => record::run(args),
             Command::Calibrate(args) => calibrate::run(args),
+            Command::Bench(args) => bench::run(args),
             Command::Demo(args) => demo::run(args),
             Command::Devices => devices::run(),
             Command::Doctor(args) => doctor::run(args),

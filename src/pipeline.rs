@@ -303,7 +303,9 @@ impl Stabilizer {
             let shown = trust * presence;
             self.window.glide(interval_s);
             let view = self.window.view();
-            let rows = shown * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+            let rows = shown
+                * motion.rows_part
+                * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for the part of a correction
             let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, calibrate, check, demo, doctor, record, replay, run, talk};
+use super::{Exit, bench, calibrate, check, demo, doctor, record, replay, run, talk};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -36,6 +36,8 @@ pub enum Command {
     Record(record::Args),
     /// Find out a camera's readout time and field of view from a recorded stream, or from the camera while it is moved about
     Calibrate(calibrate::Args),
+    /// Measure what a frame costs on this machine, and which frame rates it can hold
+    Bench(bench::Args),
     /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
     Demo(demo::Args),
     /// List cameras and loopback devices

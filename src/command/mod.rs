@@ -1,6 +1,7 @@
 //! What the program can be told to do: one file a command.
 
 mod arguments;
+pub mod bench;
 pub mod calibrate;
 pub mod check;
 pub mod demo;

@@ -5,6 +5,7 @@
 
 pub mod convert;
 pub mod corner;
+pub mod information;
 pub mod lk;
 pub mod pyramid;
 pub mod warp;

@@ -60,6 +60,12 @@ def programs(pixel, frames):
          f"video/x-raw,format={gst},width={WIDTH},height={HEIGHT}", "!", "fdsink", "fd=1"])
 
 
+def written(path):
+    """The format in which a loopback device is written to."""
+    with open(f"/sys/class/video4linux/{os.path.basename(path)}/format") as file:
+        return file.read()
+
+
 def stopped(daemon):
     report.check("it stops", daemon.stop(30) == 0)
 
@@ -89,7 +95,7 @@ spare = next(path for path in nodes() if path != out and identity_or_none(path) 
 source = ["ffmpeg", "-nostdin", "-loglevel", "error", "-re", "-f", "lavfi", "-i", f"testsrc2=size=640x480:rate={min(FPS, 15)}",
           "-pix_fmt", "yuvj422p", "-c:v", "mjpeg", "-f", "v4l2", spare]
 ffmpeg = subprocess.Popen(source, stderr=subprocess.DEVNULL)
-time.sleep(3)
+report.check("ffmpeg writes JPEG", until(PATIENCE, lambda: written(spare).startswith("MJPG")))
 daemon = Daemon(sys.argv[1], out, f"camera.device={spare}", "output.linger_s=1").start()
 report.check("the loopback becomes a camera", camera_appears(out, 60))
 with Reader(out) as reader:
