@@ -53,7 +53,12 @@ impl Server {
     pub fn open(settings: &Control, listen: &str, service: Option<PathBuf>) -> Option<Self> {
         let path = match settings.socket.as_str() {
             "off" => None,
-            "auto" => socket::own_path(service.as_deref()),
+            "auto" => socket::own_path(service.as_deref()).or_else(|| {
+                tracing::info!(
+                    "no control socket: there is neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR; control.socket may name one"
+                );
+                None
+            }),
             path => Some(PathBuf::from(path)),
         };
         let group = Some(settings.group.as_str()).filter(|group| *group != "own");
