@@ -11,10 +11,11 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 
 use crate::config::Settings;
+use crate::control::{CameraNow, Desk, Lost, OutputNow, Server, State};
 use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News, find_again};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
-use crate::pipeline::{Pace, Params, run_threaded};
+use crate::pipeline::{Params, run_live};
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
@@ -62,11 +63,14 @@ pub struct ExitReport {
 /// # Errors
 /// Where the loopback or the camera cannot do what is configured from the beginning and nobody manages this as a service: a
 /// service waits, and says for what.
-pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
+pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
-    let pulse = Pulse::new(systemd);
+    let settings = &desk.settings();
+    let pulse = Pulse::new(systemd, desk);
     let memory = Memory::open(Systemd::state_directory().as_deref());
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let server = Server::open(&settings.control, &settings.metrics.listen, Systemd::runtime_directory());
+    let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.
         let _bell = RingAtEnd(&done);
@@ -75,9 +79,16 @@ pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, 
                 std::thread::Builder::new().name("watchdog".into()).spawn_scoped(scope, || attend(&pulse, &memory, &done));
             attending.map_err(|error| DeviceError::io("watchdog thread", "start", error))?;
         }
+        let _answered = RingAtEnd(&answered);
+        if let Some(server) = &server {
+            let serving = || server.serve(desk, &answered);
+            let serving = std::thread::Builder::new().name("control".into()).spawn_scoped(scope, serving);
+            serving.map_err(|error| DeviceError::io("control thread", "start", error))?;
+        }
         let hotplug = Hotplug::new().inspect_err(|error| tracing::warn!(%error, "devices that come are seen later")).ok();
         let mut life = Life {
             settings,
+            desk,
             stop,
             wake,
             pulse: &pulse,
@@ -92,6 +103,7 @@ pub fn run(settings: &Settings, stop: &Stop, wake: &Wake) -> Result<ExitReport, 
             report: ExitReport::default(),
         };
         let ended = life.live();
+        desk.tally.is_at(State::Stopping, "stopping");
         systemd.stopping();
         life.leave();
         let (frames, stabilized) = pulse.sent();
@@ -121,9 +133,10 @@ enum Ended {
 
 struct Life<'a> {
     settings: &'a Settings,
+    desk: &'a Desk,
     stop: &'a Stop,
     wake: &'a Wake,
-    pulse: &'a Pulse,
+    pulse: &'a Pulse<'a>,
     memory: &'a Memory,
     hotplug: Option<Hotplug>,
     /// Nobody sits by: what does not work is waited for from the beginning.
@@ -171,6 +184,7 @@ impl Life<'_> {
                 }
                 Ended::ScreenWaits(error) => {
                     self.screen = None;
+                    self.desk.tally.no_output();
                     self.tell(format!("waiting for the loopback: {error}"));
                     self.wait();
                 }
@@ -200,6 +214,7 @@ impl Life<'_> {
         };
         match Screen::open(self.settings, &format, self.wake) {
             Ok(screen) => {
+                tell_of(&screen, self.desk);
                 self.screen = Some(screen);
                 None
             }
@@ -261,20 +276,25 @@ impl Life<'_> {
         let screen = match &mut self.screen {
             Some(screen) => screen,
             none => match Screen::open(self.settings, &format, self.wake) {
-                Ok(screen) => none.insert(screen),
+                Ok(screen) => {
+                    tell_of(&screen, self.desk);
+                    none.insert(screen)
+                }
                 Err(error) => return self.judge_screen(error),
             },
         };
         let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
         let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
         tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
-        self.pulse.doing(format!("{from} ({mode}) to {to}"), true);
+        self.pulse.doing(format!("{from} ({mode}) to {to}"), State::Streaming);
         let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
-        let params = Params { camera: known, ..self.settings.pipeline };
+        let params = Params { camera: known, ..self.desk.live.params() };
+        self.desk.tally.camera(camera_now(&camera));
         let mut observer = self.pulse;
         let audience = self.settings.output.on_demand.then(|| screen.audience.seats().clone());
-        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, audience, failed: false };
-        let ran = run_threaded(&mut attended, screen, &params, self.stop, &mut observer, Pace::Live);
+        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, told: Lost::default(), audience, failed: false };
+        let ran = run_live(&mut attended, screen, &params, &self.desk.live, self.stop, &mut observer);
+        self.desk.tally.no_camera();
         let failed = attended.failed;
         self.memory.end(&self.pulse.take_calibration());
         drop(camera);
@@ -331,7 +351,7 @@ impl Life<'_> {
         }
         let path = screen.loopback.path().display().to_string();
         tracing::info!(loopback = %path, "nobody watches: the camera is closed");
-        self.pulse.doing(format!("nobody watches {path}: the camera is closed"), false);
+        self.pulse.doing(format!("nobody watches {path}: the camera is closed"), State::Idle);
         self.pulse.ready();
         self.backoff = Backoff::default();
         while !self.stop.is_set() && !self.is_wanted() {
@@ -363,7 +383,7 @@ impl Life<'_> {
 
     /// Says once for each state, not for each try, what is waited for.
     fn tell(&mut self, state: String) {
-        self.pulse.doing(state.clone(), false);
+        self.pulse.doing(state.clone(), State::Waiting);
         if state != self.backoff.told {
             tracing::warn!("{state}");
             self.backoff.told = state;
@@ -412,4 +432,32 @@ impl Life<'_> {
             }
         }
     }
+}
+
+/// A camera as the status tells it.
+fn camera_now(camera: &Capture) -> CameraNow {
+    let format = camera.format();
+    let (name, bus) = camera.name_and_bus();
+    CameraNow {
+        path: camera.path().display().to_string(),
+        name,
+        bus,
+        format: format.pixel.to_string(),
+        width: format.width,
+        height: format.height,
+        fps: format.rate(),
+    }
+}
+
+/// The loopback, and who watches it, for the status.
+fn tell_of(screen: &Screen, desk: &Desk) {
+    let format = screen.format();
+    let now = OutputNow {
+        path: screen.loopback.path().display().to_string(),
+        format: format.pixel.to_string(),
+        width: format.width,
+        height: format.height,
+    };
+    let seats = screen.audience.seats().clone();
+    desk.tally.output(now, Box::new(move || seats.are_taken()));
 }

@@ -2,6 +2,7 @@
 
 pub mod command;
 pub mod config;
+pub mod control;
 pub mod daemon;
 pub mod device;
 pub mod frame;

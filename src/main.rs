@@ -2,34 +2,10 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use gimbald::command::{Exit, Failure, calibrate, check, demo, devices, record, replay, run};
-
-/// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
-#[derive(Debug, Parser)]
-#[command(version, after_help = Exit::help())]
-struct Arguments {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Stabilize a camera's picture into a loopback device, until told to stop: the service
-    Run(run::Args),
-    /// Stabilize a recorded stream
-    Replay(replay::Args),
-    /// Record a camera's frames as they come
-    Record(record::Args),
-    /// Find out a camera's readout time and field of view from a recorded stream, or from the camera while it is moved about
-    Calibrate(calibrate::Args),
-    /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
-    Demo(demo::Args),
-    /// List cameras and loopback devices
-    Devices,
-    /// Check a configuration file, or read a recorded stream through
-    Check(check::Args),
-}
+use clap::Parser;
+use gimbald::command::{Arguments, Command, Exit, Failure};
+use gimbald::command::{bench, calibrate, check, demo, devices, doctor, record, replay, run, talk};
+use gimbald::kernel;
 
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
@@ -40,15 +16,23 @@ fn main() -> ExitCode {
             return if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() };
         }
     };
-    let ended = match &arguments.command {
-        Command::Run(args) => run::run(args),
-        Command::Replay(args) => replay::run(args),
-        Command::Record(args) => record::run(args),
-        Command::Calibrate(args) => calibrate::run(args),
-        Command::Demo(args) => demo::run(args),
-        Command::Devices => devices::run(),
-        Command::Check(args) => check::run(args),
-    };
+    let ended =
+        kernel::Level::check_cap().map_err(|what| Failure::new(Exit::Usage, what)).and_then(|()| match &arguments.command {
+            Command::Run(args) => run::run(args),
+            Command::Status(args) => talk::status(args),
+            Command::On(args) => talk::switch(args, true),
+            Command::Off(args) => talk::switch(args, false),
+            Command::Set(args) => talk::set(args),
+            Command::Reload(args) => talk::reload(args),
+            Command::Replay(args) => replay::run(args),
+            Command::Record(args) => record::run(args),
+            Command::Calibrate(args) => calibrate::run(args),
+            Command::Bench(args) => bench::run(args),
+            Command::Demo(args) => demo::run(args),
+            Command::Devices => devices::run(),
+            Command::Doctor(args) => doctor::run(args),
+            Command::Check(args) => check::run(args),
+        });
     match ended {
         Ok(()) => Exit::Ok.into(),
         Err(Failure { exit, message }) => {

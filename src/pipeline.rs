@@ -3,6 +3,7 @@
 //! [`Stabilizer`] has the steps. [`run_inline`] walks them on one thread, for tests and files; [`run_threaded`] on two, for the
 //! service: capture and decoding on one, the rest on the other. Both give the same pictures.
 
+mod live;
 mod threaded;
 
 use std::collections::VecDeque;
@@ -15,9 +16,10 @@ use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::{clock, stop::Stop};
 use crate::stage::shutter::{Known, Motion, Pair, Shutter};
-use crate::stage::{crop, detect, fit, pyramid, shutter, smooth, track, trust, unpack, warp};
+use crate::stage::{crop, detect, fit, presence, pyramid, shutter, smooth, track, trust, unpack, warp};
 
-pub use threaded::{Pace, run_threaded};
+pub use live::{Counts, Live};
+pub use threaded::{Pace, run_live, run_threaded};
 
 /// What is known of the camera's optics and sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,8 +31,10 @@ pub struct Camera {
 }
 
 /// Settings of every stage.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
+    /// Whether shake is taken out; false leaves nothing but the crop.
+    pub enabled: bool,
     /// The camera.
     pub camera: Camera,
     /// Corners.
@@ -45,6 +49,21 @@ pub struct Params {
     pub smooth: smooth::Params,
     /// Crop window.
     pub crop: crop::Params,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            camera: Camera::default(),
+            detect: detect::Params::default(),
+            track: track::Params::default(),
+            fit: fit::Params::default(),
+            shutter: shutter::Params::default(),
+            smooth: smooth::Params::default(),
+            crop: crop::Params::default(),
+        }
+    }
 }
 
 /// Is shown each frame between its drawing and its sending: for traces, reports, counts.
@@ -99,6 +118,7 @@ pub struct Stabilizer {
     shutter: Shutter,
     smoother: smooth::Smoother,
     trust: trust::Trust,
+    presence: presence::Presence,
     warper: warp::Warper,
     /// Frames under way, oldest first: some sent and still looked back at, then those that wait.
     slots: VecDeque<Slot>,
@@ -154,6 +174,7 @@ impl Stabilizer {
             ),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
+            presence: presence::Presence::new(params.enabled),
             warper: warp::Warper::new(level, input.colour.siting),
             slots: VecDeque::with_capacity(FRAMES),
             placed_ns: None,
@@ -165,11 +186,18 @@ impl Stabilizer {
         self.shutter.calibration()
     }
 
-    /// Takes new settings of the path and the crop window while running: both glide to them. The others stay as they were.
+    /// Takes new settings while running: stabilization on or off, the path and the crop window glide to them; what tells good
+    /// points and tracks from bad ones counts from the next frame. What memory or a calibration was made for stays as it was: the
+    /// camera, the count of points, their window, the seed, the shutter model. Takes no memory.
     pub fn set_params(&mut self, params: &Params) {
-        (self.params.smooth, self.params.crop) = (params.smooth, params.crop);
-        self.smoother.set_params(&params.smooth);
-        self.window.set_params(&params.crop);
+        let Params { enabled, camera: _, detect, track, fit, shutter: _, smooth, crop } = params;
+        (self.params.enabled, self.params.smooth, self.params.crop) = (*enabled, *smooth, *crop);
+        self.presence.switch(*enabled);
+        self.detector.set_params(detect);
+        self.tracker.set_params(track);
+        self.fitter.set_params(fit);
+        self.smoother.set_params(smooth);
+        self.window.set_params(crop);
     }
 
     /// A frame to fill, with room for all that it will hold: whenever it is first used, it takes no memory then.
@@ -222,6 +250,7 @@ impl Stabilizer {
         self.shutter.begin(size(frame));
         self.smoother.begin();
         self.trust = trust::Trust::default();
+        self.presence = presence::Presence::new(self.params.enabled);
         self.placed_ns = None;
         frame.context.outcome = Outcome::PassedThrough(PassReason::First);
         timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
@@ -270,9 +299,13 @@ impl Stabilizer {
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
             let trust = self.trust.step(motion.confidence, interval_s);
+            let presence = self.presence.step(interval_s);
+            let shown = trust * presence;
             self.window.glide(interval_s);
             let view = self.window.view();
-            let rows = trust * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * trust, &view));
+            let rows = shown
+                * motion.rows_part
+                * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for the part of a correction
             let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));
@@ -280,7 +313,7 @@ impl Stabilizer {
                 self.shutter.map(&motion, path(correction, 1.0), rows, &view)
             });
             let wanted = self.smoother.step(pose, interval_s, &room);
-            let correction = std::array::from_fn(|i| trust * (wanted[i] - pose[i]));
+            let correction = std::array::from_fn(|i| shown * (wanted[i] - pose[i]));
             let part = self.window.inside(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
             context.smoothed = path(correction, part);
@@ -289,7 +322,11 @@ impl Stabilizer {
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.reach(&context.map, &view);
             if context.outcome == Outcome::Pending {
-                context.outcome = if trust > 0.0 { Outcome::Stabilized } else { Outcome::PassedThrough(PassReason::LostTrack) };
+                context.outcome = match () {
+                    () if presence == 0.0 => Outcome::PassedThrough(PassReason::SwitchedOff),
+                    () if trust == 0.0 => Outcome::PassedThrough(PassReason::LostTrack),
+                    () => Outcome::Stabilized,
+                };
             }
         });
     }

@@ -19,6 +19,18 @@ impl Systemd {
         Self { listens, watchdog: sd_notify::watchdog_enabled().filter(|_| listens) }
     }
 
+    /// A service manager that is not there.
+    pub fn nobody() -> Self {
+        Self { listens: false, watchdog: None }
+    }
+
+    /// Where the service may have its sockets: RUNTIME_DIRECTORY, the first where there are several; `None` where the unit has no
+    /// RuntimeDirectory=.
+    pub fn runtime_directory() -> Option<PathBuf> {
+        let paths = std::env::var_os("RUNTIME_DIRECTORY")?;
+        std::env::split_paths(&paths).find(|path| path.is_absolute())
+    }
+
     /// Where the service may keep what it should know after a restart: STATE_DIRECTORY, the first where there are several; `None`
     /// where the unit has no StateDirectory=.
     pub fn state_directory() -> Option<PathBuf> {
@@ -39,6 +51,14 @@ impl Systemd {
     /// The service does its work.
     pub fn ready(&self) {
         self.tell(&[NotifyState::Ready]);
+    }
+
+    /// The service reads its configuration anew; [`Systemd::ready`] says that it has.
+    pub fn reloading(&self) {
+        match NotifyState::monotonic_usec_now() {
+            Ok(now) => self.tell(&[NotifyState::Reloading, now]),
+            Err(error) => tracing::warn!(%error, "cannot tell the service manager of the reload: no clock"),
+        }
     }
 
     /// The service ends.
@@ -72,10 +92,11 @@ mod tests {
 
     #[test]
     fn without_systemd_nothing_happens() {
-        let nobody = Systemd { listens: false, watchdog: None };
+        let nobody = Systemd::nobody();
         nobody.ready();
         nobody.status("a\nb");
         nobody.alive();
+        nobody.reloading();
         nobody.stopping();
     }
 }

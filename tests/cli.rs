@@ -346,3 +346,13 @@ fn help_names_every_command_and_exit_code() {
     assert!(String::from_utf8(good(&["--version"])).unwrap().starts_with("gimbald "));
     assert!(good(&["devices"]).len() > 20);
 }
+
+#[test]
+fn an_unknown_instruction_set_is_refused_and_a_known_one_taken() {
+    let run = |word: &str| command(&["check", "--keys"]).env("GIMBALD_SIMD", word).output().unwrap();
+    let refused = run("avx9");
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(64));
+    assert!(errors.contains("GIMBALD_SIMD=avx9") && errors.contains("scalar, avx2"), "{errors}");
+    assert!(run("scalar").status.success() && run("avx2").status.success());
+}

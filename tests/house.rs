@@ -17,8 +17,18 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("report", &["config", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
     ("systemd", &[]),
     ("log", &["config"]),
-    ("daemon", &["systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
-    ("command", &["daemon", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
+    ("control", &["systemd", "log", "config", "pipeline", "frame", "geometry", "rt"]),
+    (
+        "daemon",
+        &["control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"],
+    ),
+    (
+        "command",
+        &[
+            "daemon", "control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "kernel", "frame",
+            "geometry", "image", "rt",
+        ],
+    ),
 ];
 
 /// What a room's code must not say: it would be another room's work.

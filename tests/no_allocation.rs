@@ -5,16 +5,18 @@
 mod common;
 
 use common::{Shot, film, in_time};
+use gimbald::control::Tally;
 use gimbald::device::digest::DigestSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
 use gimbald::frame::{Frame, Stamp};
 use gimbald::image::{PictureMut, PictureRef};
-use gimbald::pipeline::{Observer, Pace, Params, run_inline, run_threaded};
+use gimbald::pipeline::{Live, Observer, Pace, Params, run_inline, run_live, run_threaded};
 use gimbald::rt::stop::Stop;
 use gimbald::stage::shutter::{self, Model, Parameters};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
@@ -121,13 +123,24 @@ impl FrameSink for WatchingSink {
     }
 }
 
-/// Looks at frames as a trace would.
-#[derive(Default)]
-struct Looking(u64);
+/// Looks at frames as a trace would, counts them as a daemon would, and switches stabilization off and on all the time.
+struct Looking {
+    seen: u64,
+    live: Arc<Live>,
+    tally: Tally,
+}
 
 impl Observer for Looking {
     fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
-        self.0 += frame.context.tracks.len() as u64 + output.width() as u64;
+        self.seen += frame.context.tracks.len() as u64 + output.width() as u64;
+        if frame.stamp.sequence.is_multiple_of(4) {
+            let params = self.live.params();
+            self.live.set(&Params { enabled: !params.enabled, ..params });
+        }
+    }
+
+    fn sent(&mut self, frame: &Frame) {
+        self.tally.sent(frame);
     }
 }
 
@@ -165,14 +178,19 @@ fn no_frame_takes_memory_once_it_is_warm() {
             let params = Params { shutter: shutter::Params { model, parameters }, ..Params::default() };
             let mut source = Watching { shots: shots.clone(), next: 0, live: pace == Some(Pace::Live), taken: [0; FRAMES] };
             let mut sink = WatchingSink { inner: DigestSink::new(&source.format()), taken: [0; FRAMES] };
-            let (stop, mut looking) = (Stop::default(), Looking::default());
+            let (stop, mut looking) =
+                (Stop::default(), Looking { seen: 0, live: Arc::new(Live::new(&params)), tally: Tally::default() });
             let totals = match pace {
                 None => run_inline(&mut source, &mut sink, &params, &stop, &mut looking),
+                Some(Pace::Live) => {
+                    let live = looking.live.clone();
+                    run_live(&mut source, &mut sink, &params, &live, &stop, &mut looking)
+                }
                 Some(pace) => run_threaded(&mut source, &mut sink, &params, &stop, &mut looking, pace),
             }
             .unwrap();
             assert_eq!(totals.frames_in, FRAMES as u64);
-            assert!(looking.0 > 0);
+            assert!(looking.seen > 0);
             let what = format!("{model:?} {parameters:?} {pace:?}");
             assert!(sink.taken[0] > 0, "{what}: nothing is counted");
             let steps = |taken: &[u64]| taken.windows(2).position(|pair| pair[0] != pair[1]);

@@ -10,12 +10,12 @@ mod limited;
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::{self, Write as _};
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
 use super::record::{positive, synthetic};
+use super::say::say;
 use super::{Exit, Failure, SettingsArgs};
 use crate::config::Settings;
 use crate::device::v4l2::Capture;
@@ -203,11 +203,4 @@ impl Found {
         );
         Err(Failure::new(Exit::Inconclusive, what))
     }
-}
-
-fn say(text: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(|error| Failure::writing(Path::new("standard output"), &error))
 }

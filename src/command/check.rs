@@ -1,9 +1,10 @@
 //! `gimbald check`: whether a configuration or a recorded stream is right, and what it holds.
 
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::say::say;
 use super::settings::text_of;
 use super::{Exit, Failure};
 use crate::config::{Settings, key_table, keys, shipped_file};
@@ -38,13 +39,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(path) => configuration(path)?,
     };
     say(&answer)
-}
-
-fn say(answer: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
-    out.write_all(answer.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(|error| Failure::writing(Path::new("standard output"), &error))
 }
 
 /// Whether the file is meant as a stream: by its beginning, or where that is damaged or of another kind, by its name. Standard

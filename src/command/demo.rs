@@ -8,6 +8,7 @@ use super::interrupt::stop_on_signal;
 use super::place::ReportFile;
 use super::progress::Progress;
 use super::record::positive;
+use super::say::told;
 use super::watch::Watch;
 use super::{Exit, Failure};
 use crate::config::Settings;
@@ -66,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if stop.is_set() {
         return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} holds a part of the demo", args.dir.display())));
     }
-    tell(&files, &before, &after).map_err(|error| Failure::writing(Path::new("standard output"), &error))
+    told(tell(&files, &before, &after))
 }
 
 /// What the demo leaves behind.

@@ -1,9 +1,9 @@
 //! `gimbald devices`: which cameras and loopbacks there are, and what they can do.
 
 use std::io::{self, Write};
-use std::path::Path;
 
 use super::Failure;
+use super::say::told;
 use crate::device::v4l2::{DeviceInfo, devices};
 
 /// Runs the command.
@@ -11,7 +11,7 @@ use crate::device::v4l2::{DeviceInfo, devices};
 /// # Errors
 /// Where standard output cannot be written.
 pub fn run() -> Result<(), Failure> {
-    list(&devices(), &mut io::stdout().lock()).map_err(|error| Failure::writing(Path::new("standard output"), &error))
+    told(list(&devices(), &mut io::stdout().lock()))
 }
 
 fn list(devices: &[DeviceInfo], to: &mut dyn Write) -> io::Result<()> {

@@ -14,13 +14,15 @@ use crate::device::DeviceError;
 pub enum Exit {
     /// All went well.
     Ok = 0,
+    /// Doctor has advice, and nothing worse.
+    Advised = 1,
     /// The command line was not understood.
     Usage = 64,
     /// An input file is damaged or of a kind that gimbald does not read.
     BadData = 65,
     /// An input file is not there or cannot be opened.
     NoInput = 66,
-    /// A device is not there, in use, or cannot do what was asked.
+    /// A device or the service is not there, in use, or cannot do what was asked.
     Unavailable = 69,
     /// An output file cannot be created.
     CannotCreate = 73,
@@ -36,12 +38,13 @@ pub enum Exit {
 
 impl Exit {
     /// Every code with its meaning, in order.
-    pub const ALL: [(Self, &'static str); 10] = [
+    pub const ALL: [(Self, &'static str); 11] = [
         (Self::Ok, "all went well"),
+        (Self::Advised, "doctor has advice; nothing keeps gimbald from working"),
         (Self::Usage, "the command line was not understood"),
         (Self::BadData, "an input file is damaged or of a kind that gimbald does not read"),
         (Self::NoInput, "an input file is not there or cannot be opened"),
-        (Self::Unavailable, "a device is not there, in use, or cannot do what was asked"),
+        (Self::Unavailable, "a device or the service is not there, in use, or cannot do what was asked"),
         (Self::CannotCreate, "an output file cannot be created"),
         (Self::Io, "reading or writing failed midway, as on a full disk"),
         (Self::Inconclusive, "calibrate saw too little motion to be sure; try again with more"),

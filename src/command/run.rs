@@ -1,8 +1,13 @@
 //! `gimbald run`: the service.
 
-use super::interrupt::stop_on_signal;
+use signal_hook::iterator::Handle;
+
+use super::signals::Signals;
 use super::{Exit, Failure, SettingsArgs};
+use crate::control::Desk;
+use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
+use crate::systemd::Systemd;
 use crate::{daemon, log};
 
 /// Arguments of `run`.
@@ -13,7 +18,7 @@ pub struct Args {
     settings: SettingsArgs,
 }
 
-/// Runs the command, until SIGTERM or Ctrl-C.
+/// Runs the command, until SIGTERM or Ctrl-C. SIGHUP reads the configuration anew.
 ///
 /// # Errors
 /// Faults of the configuration, and what [`daemon::run`] reports.
@@ -21,9 +26,31 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = args.settings.read()?;
     log::begin(settings.log.level);
     let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
-    let stop = stop_on_signal(Some(wake.clone()))?;
-    let report = daemon::run(&settings, &stop, &wake)?;
+    let again = args.settings.clone();
+    let reread = Box::new(move || again.read_again().map_err(|failure| failure.message));
+    let desk = Desk::new(settings, Systemd::from_env(), reread);
+    let stop = Stop::default();
+    let mut signals = Signals::catch()?;
+    let report = std::thread::scope(|scope| {
+        // also where a panic ends it: the scope waits for its thread
+        let _closing = CloseAtEnd(signals.handle());
+        let listening = std::thread::Builder::new()
+            .name("signals".into())
+            .spawn_scoped(scope, || signals.listen(&stop, &wake, || drop(desk.reload())));
+        match listening {
+            Ok(_) => daemon::run(&desk, &stop, &wake).map_err(Failure::from),
+            Err(error) => Err(Failure::new(Exit::Io, format!("cannot start a thread for signals: {error}"))),
+        }
+    })?;
     let daemon::ExitReport { frames, stabilized, cameras } = report;
     tracing::info!(frames, stabilized, cameras, "ended as asked");
     Ok(())
+}
+
+struct CloseAtEnd(Handle);
+
+impl Drop for CloseAtEnd {
+    fn drop(&mut self) {
+        self.0.close();
+    }
 }

@@ -31,6 +31,22 @@ impl SettingsArgs {
         let text = text_of(path)?;
         Ok(Settings::read(Some((&path.to_string_lossy(), &text)), &self.set)?)
     }
+
+    /// The settings, once more: what came through a pipe is gone.
+    ///
+    /// # Errors
+    /// As [`SettingsArgs::read`].
+    pub(super) fn read_again(&self) -> Result<Settings, Failure> {
+        let Some(path) = &self.config else { return self.read() };
+        let file = std::fs::metadata(path).map_err(|error| {
+            Failure::new(Exit::NoInput, format!("{}: cannot read the configuration: {error}", path.display()))
+        })?;
+        if !file.is_file() {
+            let what = format!("{}: is no regular file, and cannot be read a second time", path.display());
+            return Err(Failure::new(Exit::NoInput, what));
+        }
+        self.read()
+    }
 }
 
 /// The text of a configuration file.

@@ -40,11 +40,15 @@ pub struct Fault {
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.origin)?;
-        if !self.setting.is_empty() {
-            write!(f, "{}: ", self.setting)?;
-        }
-        write!(f, "{}; {}", self.what, self.advice)
+        write!(f, "{}: {}", self.origin, self.bare())
+    }
+}
+
+impl Fault {
+    /// The fault without its place.
+    pub fn bare(&self) -> String {
+        let Self { setting, what, advice, .. } = self;
+        if setting.is_empty() { format!("{what}; {advice}") } else { format!("{setting}: {what}; {advice}") }
     }
 }
 

@@ -35,6 +35,8 @@ pub enum Kind {
     Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
     /// Any text that is not empty; numbers are taken as their digits.
     Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
+    /// Text of a form that `fits` knows, and `expected` says in words.
+    Form { expected: &'static str, fits: fn(&str) -> bool, get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
 }
 
 /// A value as it was written, before it is known to fit its key.
@@ -71,7 +73,7 @@ impl Key {
             Kind::Count { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
             Kind::Switch { get, .. } => get(settings).to_string(),
-            Kind::Text { get, .. } => quoted(get(settings)),
+            Kind::Text { get, .. } | Kind::Form { get, .. } => quoted(get(settings)),
         }
     }
 
@@ -88,6 +90,7 @@ impl Key {
             }
             Kind::Switch { .. } => "true, false".into(),
             Kind::Text { .. } => "any text".into(),
+            Kind::Form { expected, .. } => (*expected).into(),
         }
     }
 
@@ -100,11 +103,24 @@ impl Key {
             Kind::Choice { .. } => format!("one of {}", self.range()),
             Kind::Switch { .. } => "true or false, without quotes".into(),
             Kind::Text { .. } => "text that is not empty".into(),
+            Kind::Form { expected, .. } => (*expected).into(),
         };
         if !self.unit.is_empty() {
             let _ = write!(phrase, " ({})", self.unit);
         }
         phrase
+    }
+
+    /// Takes the value that `from` has into `settings`.
+    pub fn copy(&self, from: &Settings, settings: &mut Settings) {
+        match &self.kind {
+            Kind::Number { get, set, .. } => set(settings, get(from)),
+            Kind::NumberOrAuto { get, set, .. } => set(settings, get(from)),
+            Kind::Count { get, set, .. } => set(settings, get(from)),
+            Kind::Switch { get, set } => set(settings, get(from)),
+            Kind::Choice { get, set, .. } => set(settings, get(from)),
+            Kind::Text { get, set } | Kind::Form { get, set, .. } => set(settings, get(from).to_owned()),
+        }
     }
 
     /// Takes `value` into `settings`; `false`, and nothing is changed, where the key does not accept it.
@@ -140,6 +156,10 @@ impl Key {
                     set(settings, count);
                 }
                 fits
+            }
+            (Kind::Form { fits, set, .. }, Written::Text(text)) if fits(text) => {
+                set(settings, text.clone());
+                true
             }
             (Kind::Choice { words, set, .. }, Written::Text(word)) => {
                 let fits = words.contains(&word.as_str());

@@ -1,6 +1,6 @@
 //! The table of every configuration key.
 
-use super::{Key, Kind, Level};
+use super::{Control, Key, Kind, Level, Metrics};
 use crate::image::PixelFormat;
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
@@ -59,7 +59,7 @@ macro_rules! choice {
     };
 }
 
-/// True or false.
+/// true or false: `switch!(path.to.field)`.
 macro_rules! switch {
     ($($field:ident).+) => { Kind::Switch { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
 }
@@ -67,6 +67,18 @@ macro_rules! switch {
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
+/// Text of a certain form: `form!(path.to.field, "what it is", the test)`.
+macro_rules! form {
+    ($($field:ident).+, $expected:literal, $fits:expr) => {
+        Kind::Form {
+            expected: $expected,
+            fits: $fits,
+            get: |s| &s.$($field).+,
+            set: |s, value| s.$($field).+ = value,
+        }
+    };
 }
 
 /// Every key, section by section, in the order in which the shipped file has them.
@@ -122,21 +134,21 @@ pub const KEYS: &[Key] = &[
         name: "camera.readout_ms",
         unit: "ms",
         doc: "Time from the exposure of the first row to that of the last, negative from bottom to top; \"auto\" finds it out.",
-        live: true,
+        live: false,
         kind: known!(pipeline.camera.readout_ms, -100.0 to 100.0),
     },
     Key {
         name: "camera.hfov_deg",
         unit: "degrees",
         doc: "Horizontal field of view; \"auto\" finds it out.",
-        live: true,
+        live: false,
         kind: known!(pipeline.camera.hfov_deg, 10.0 to 170.0),
     },
     Key {
         name: "track.points",
         unit: "count",
         doc: "Points followed at a time, spread over the picture.",
-        live: true,
+        live: false,
         kind: count!(pipeline.detect.points: u32, 50 to 2000),
     },
     Key {
@@ -150,7 +162,7 @@ pub const KEYS: &[Key] = &[
         name: "track.window",
         unit: "pixels",
         doc: "Side of the square window that is compared around a point.",
-        live: true,
+        live: false,
         kind: count!(pipeline.track.window: u32, 8 to 24, by 8),
     },
     Key {
@@ -178,7 +190,7 @@ pub const KEYS: &[Key] = &[
         name: "fit.seed",
         unit: "",
         doc: "Seed of the random choice of hypotheses; the same input and seed give the same bytes.",
-        live: true,
+        live: false,
         kind: count!(pipeline.fit.seed: u64, 0 to i64::MAX as u64),
     },
     Key {
@@ -194,6 +206,13 @@ pub const KEYS: &[Key] = &[
         doc: "cho2007: \"time-t\" looks at the next frame (one frame late, steadier), \"time-t+1\" at the one before (no latency).",
         live: false,
         kind: choice!(pipeline.shutter.parameters, "time-t" => Parameters::TimeT, "time-t+1" => Parameters::TimeT1),
+    },
+    Key {
+        name: "stabilize.enabled",
+        unit: "",
+        doc: "Whether shake is taken out; false shows the camera's picture with nothing but the crop.",
+        live: true,
+        kind: switch!(pipeline.enabled),
     },
     Key {
         name: "smooth.mode",
@@ -274,6 +293,34 @@ pub const KEYS: &[Key] = &[
             "debug" => Level::Debug,
             "trace" => Level::Trace,
         ),
+    },
+    Key {
+        name: "control.socket",
+        unit: "",
+        doc: "Unix socket for gimbald status, on, off, set, reload; \"auto\" is control.sock in the runtime directory.",
+        live: false,
+        kind: form!(control.socket, "\"auto\", \"off\" or an absolute path", Control::is_place),
+    },
+    Key {
+        name: "control.mode",
+        unit: "",
+        doc: "Who may use the socket, as permissions: \"0660\" its owner and group, \"0600\" its owner, \"0666\" everybody.",
+        live: false,
+        kind: form!(control.mode, "permissions in octal digits, as \"0660\"", Control::is_mode),
+    },
+    Key {
+        name: "control.group",
+        unit: "",
+        doc: "Group of the socket, by name or number; \"own\" is the daemon's (as shipped, video).",
+        live: false,
+        kind: text!(control.group),
+    },
+    Key {
+        name: "metrics.listen",
+        unit: "",
+        doc: "Address at which Prometheus is answered, on this machine alone; gimbald status --prometheus needs none.",
+        live: false,
+        kind: form!(metrics.listen, "\"off\" or a loopback address with port, as \"127.0.0.1:9464\"", Metrics::is_listen),
     },
 ];
 

@@ -1,6 +1,7 @@
 //! Everything that can be configured, part by part.
 
 use std::fmt;
+use std::net::SocketAddr;
 
 use super::read;
 use super::{Faults, Key, keys};
@@ -19,6 +20,10 @@ pub struct Settings {
     pub output: Output,
     /// What is told.
     pub log: Log,
+    /// Who may talk to it.
+    pub control: Control,
+    /// What is measured.
+    pub metrics: Metrics,
 }
 
 /// How a camera is to be opened.
@@ -60,6 +65,60 @@ pub struct Output {
 impl Default for Output {
     fn default() -> Self {
         Self { device: "auto".into(), format: PixelFormat::Yuyv, create: false, on_demand: true, linger_s: 5.0 }
+    }
+}
+
+/// The socket on which a daemon that runs is talked to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Control {
+    /// Its path; "auto": in the service's or user's runtime directory, "off": none.
+    pub socket: String,
+    /// Who may talk, as permissions in octal digits.
+    pub mode: String,
+    /// Whose group it is, by name or number; "own": the daemon's own.
+    pub group: String,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self { socket: "auto".into(), mode: "0660".into(), group: "own".into() }
+    }
+}
+
+impl Control {
+    /// The permissions as a number.
+    pub fn mode_bits(&self) -> u32 {
+        u32::from_str_radix(&self.mode, 8).map_or(0o600, |mode| mode & 0o777)
+    }
+
+    /// Whether text says permissions.
+    pub(super) fn is_mode(text: &str) -> bool {
+        (3..=4).contains(&text.len()) && u32::from_str_radix(text, 8).is_ok_and(|mode| mode <= 0o777)
+    }
+
+    /// Whether text says a socket's place.
+    pub(super) fn is_place(text: &str) -> bool {
+        matches!(text, "auto" | "off") || (text.starts_with('/') && !text.contains('\0') && text.len() < 100)
+    }
+}
+
+/// Where Prometheus may look.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Metrics {
+    /// A loopback address with its port, or "off".
+    pub listen: String,
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        Self { listen: "off".into() }
+    }
+}
+
+impl Metrics {
+    /// Whether text is "off" or an address that other machines cannot reach.
+    pub(super) fn is_listen(text: &str) -> bool {
+        text == "off" || text.parse::<SocketAddr>().is_ok_and(|address| address.ip().is_loopback())
     }
 }
 
@@ -128,6 +187,16 @@ impl Settings {
             read::set(set, &mut settings, &mut faults);
         }
         if faults.is_empty() { Ok(settings) } else { Err(Faults(faults)) }
+    }
+
+    /// Takes one `KEY=VALUE`.
+    ///
+    /// # Errors
+    /// What is wrong with it; nothing has changed then.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Faults> {
+        let mut faults = Vec::new();
+        read::set(assignment, self, &mut faults);
+        if faults.is_empty() { Ok(()) } else { Err(Faults(faults)) }
     }
 
     /// The keys whose value differs between `self` and `other`.

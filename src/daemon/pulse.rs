@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
+use crate::control::{Desk, Lost, State};
 use crate::device::v4l2::Capture;
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::frame::{Frame, Outcome};
@@ -25,8 +26,9 @@ const LATE_NS: i64 = 1_000_000_000;
 
 /// Written by the frame path (a few atomic stores a frame), read by [`attend`].
 #[derive(Debug)]
-pub(super) struct Pulse {
+pub(super) struct Pulse<'a> {
     systemd: Systemd,
+    desk: &'a Desk,
     ready: AtomicBool,
     streaming: AtomicBool,
     /// When the daemon last got on, or had nothing to do and knew it.
@@ -44,10 +46,11 @@ pub(super) struct Pulse {
     doing: Mutex<String>,
 }
 
-impl Pulse {
-    pub(super) fn new(systemd: Systemd) -> Self {
+impl<'a> Pulse<'a> {
+    pub(super) fn new(systemd: Systemd, desk: &'a Desk) -> Self {
         Self {
             systemd,
+            desk,
             ready: AtomicBool::new(false),
             streaming: AtomicBool::new(false),
             beat_ns: AtomicI64::new(monotonic_ns()),
@@ -66,10 +69,11 @@ impl Pulse {
         self.beat_ns.store(monotonic_ns(), Relaxed);
     }
 
-    /// Says what the daemon is at, for `systemctl status`; while it is `streaming`, its rate will be added.
-    pub(super) fn doing(&self, what: String, streaming: bool) {
+    /// Says what the daemon is at, for `systemctl status` and whoever asks; while it is streaming, its rate will be added.
+    pub(super) fn doing(&self, what: String, state: State) {
         self.systemd.status(&what);
-        self.streaming.store(streaming, Relaxed);
+        self.desk.tally.is_at(state, &what);
+        self.streaming.store(state == State::Streaming, Relaxed);
         *self.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = what;
     }
 
@@ -77,6 +81,7 @@ impl Pulse {
     pub(super) fn ready(&self) {
         if !self.ready.load(Relaxed) && !self.ready.swap(true, Relaxed) {
             self.systemd.ready();
+            self.desk.is_ready();
         }
     }
 
@@ -129,7 +134,7 @@ impl Pulse {
 }
 
 /// Feeds systemd's watchdog while there are beats, and its status line, and lets `memory` learn; until `done` rings.
-pub(super) fn attend(pulse: &Pulse, memory: &Memory, done: &Wake) {
+pub(super) fn attend(pulse: &Pulse<'_>, memory: &Memory, done: &Wake) {
     let watchdog = pulse.systemd.watchdog();
     let period = watchdog.map_or(STATUS_EVERY, |limit| (limit / 4).min(STATUS_EVERY));
     let (mut told_ns, mut told_sent, mut told_age) = (monotonic_ns(), 0, 0);
@@ -163,7 +168,9 @@ pub(super) fn attend(pulse: &Pulse, memory: &Memory, done: &Wake) {
 /// A camera whose frames and silences leave their mark in a [`Pulse`].
 pub(super) struct Attended<'a> {
     pub(super) camera: &'a mut Capture,
-    pub(super) pulse: &'a Pulse,
+    pub(super) pulse: &'a Pulse<'a>,
+    /// What the camera said it lost, as far as it was told.
+    pub(super) told: Lost,
     /// Those who want it, where nobody else does.
     pub(super) audience: Option<Seats>,
     /// Whether it was the camera that ended the run.
@@ -176,6 +183,8 @@ impl FrameSource for Attended<'_> {
     }
 
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        let counts = self.camera.counts();
+        self.pulse.desk.tally.lost(Lost { missing: counts.missing, stale: counts.dropped }, &mut self.told);
         if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
             return Ok(Lent::End);
         }
@@ -197,10 +206,11 @@ impl FrameSource for Attended<'_> {
 }
 
 /// Marks each frame that was sent.
-impl Observer for &Pulse {
+impl Observer for &Pulse<'_> {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
 
     fn sent(&mut self, frame: &Frame) {
+        self.desk.tally.sent(frame);
         self.frame_sent(frame.stamp.time_ns, frame.context.outcome);
         self.keep_calibration(&frame.context.calibration);
     }
@@ -209,10 +219,16 @@ impl Observer for &Pulse {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Settings;
+
+    fn desk() -> Desk {
+        Desk::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
+    }
 
     #[test]
     fn an_idle_camera_is_life_only_when_its_frames_were_sent() {
-        let pulse = Pulse::new(Systemd::from_env());
+        let desk = desk();
+        let pulse = Pulse::new(Systemd::from_env(), &desk);
         pulse.beat_ns.store(0, Relaxed);
         pulse.camera_idle();
         assert_ne!(pulse.beat_ns.load(Relaxed), 0, "nothing was ever lent");
@@ -229,7 +245,8 @@ mod tests {
 
     #[test]
     fn the_calibration_of_the_frame_sent_last_is_there_until_it_is_taken() {
-        let pulse = Pulse::new(Systemd::from_env());
+        let desk = desk();
+        let pulse = Pulse::new(Systemd::from_env(), &desk);
         assert_eq!(pulse.calibration(), Calibration::default());
         let found = Calibration { readout_s: -0.02, readout_deviation_s: 1e-4, hfov_deg: 61.0, hfov_deviation_deg: 0.2 };
         let mut frame = Frame::default();

@@ -11,6 +11,7 @@ mod output;
 pub mod paced;
 pub mod placeholder;
 pub mod recording;
+pub mod rehearsal;
 pub mod replay;
 pub mod synthetic;
 pub mod y4m;

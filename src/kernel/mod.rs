@@ -5,6 +5,7 @@
 
 pub mod convert;
 pub mod corner;
+pub mod information;
 pub mod lk;
 pub mod pyramid;
 pub mod warp;
@@ -13,6 +14,8 @@ use std::sync::OnceLock;
 
 /// The name of the environment variable that caps [`Level::detected`]: `scalar` or `avx2`.
 pub const LEVEL_VARIABLE: &str = "GIMBALD_SIMD";
+/// What it may say.
+const CAPS: [&str; 2] = ["scalar", "avx2"];
 
 /// An instruction set that this processor has: holding the value is the proof. Kernels take it as an argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,6 +38,19 @@ impl Level {
         *FOUND.get_or_init(|| Self::capped(std::env::var(LEVEL_VARIABLE).ok().as_deref()))
     }
 
+    /// Whether [`LEVEL_VARIABLE`] says something that is known, or nothing.
+    ///
+    /// # Errors
+    /// What it says, and what it may say.
+    pub fn check_cap() -> Result<(), String> {
+        match std::env::var_os(LEVEL_VARIABLE) {
+            Some(word) if !CAPS.iter().any(|cap| word == *cap) => {
+                Err(format!("{LEVEL_VARIABLE}={}: expected one of {}; or unset it", word.to_string_lossy(), CAPS.join(", ")))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The best level of this processor that `cap` allows.
     fn capped(cap: Option<&str>) -> Self {
         if cap == Some("scalar") {
@@ -44,7 +60,7 @@ impl Level {
     }
 
     /// The best level of this processor.
-    fn best() -> Self {
+    pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             return Self(Set::Avx2);

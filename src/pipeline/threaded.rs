@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
 
-use super::{Capture, FRAMES, Observer, Params, Stabilizer, Totals};
+use super::{Capture, FRAMES, Live, Observer, Params, Stabilizer, Totals};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent};
 use crate::frame::Frame;
 use crate::rt::stop::Stop;
@@ -44,6 +44,33 @@ pub fn run_threaded(
     observer: &mut dyn Observer,
     pace: Pace,
 ) -> Result<Totals, DeviceError> {
+    run(source, sink, (params, &Live::new(params)), stop, observer, pace)
+}
+
+/// As [`run_threaded`] at a camera's pace, with settings that may change meanwhile: begins with `params` and takes every change of
+/// `live` with the next frame.
+///
+/// # Errors
+/// As [`super::run_inline`].
+pub fn run_live(
+    source: &mut dyn FrameSource,
+    sink: &mut dyn FrameSink,
+    params: &Params,
+    live: &Live,
+    stop: &Stop,
+    observer: &mut dyn Observer,
+) -> Result<Totals, DeviceError> {
+    run(source, sink, (params, live), stop, observer, Pace::Live)
+}
+
+fn run(
+    source: &mut dyn FrameSource,
+    sink: &mut dyn FrameSink,
+    (params, live): (&Params, &Live),
+    stop: &Stop,
+    observer: &mut dyn Observer,
+    pace: Pace,
+) -> Result<Totals, DeviceError> {
     let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
     let (free, empty) = bounded::<Box<Frame>>(FRAMES);
     for _ in 0..FRAMES {
@@ -60,12 +87,12 @@ pub fn run_threaded(
     let _pool = empty.clone();
     std::thread::scope(|scope| {
         let capture = std::thread::Builder::new().name("capture".into()).spawn_scoped(scope, move || {
-            let hand_over = HandOver { empty, full, stealing };
+            let hand_over = HandOver { empty, full, stealing, live };
             hand_over.run(source, || stop.is_set() || over.is_set())
         });
         let capture = capture.map_err(|error| DeviceError::io("capture thread", "start", error))?;
         let mut totals = Totals::default();
-        let sent = carry(&mailbox, &free, pace, &mut stabilizer, sink, observer, &mut totals);
+        let sent = carry(&mailbox, &free, pace, (&mut stabilizer, live), sink, observer, &mut totals);
         // where nothing can be sent any more, a source that gives nothing must not be asked for ever
         over.set();
         drop((mailbox, free));
@@ -84,7 +111,7 @@ fn carry(
     mailbox: &Receiver<Box<Frame>>,
     free: &Sender<Box<Frame>>,
     pace: Pace,
-    stabilizer: &mut Stabilizer,
+    (stabilizer, live): (&mut Stabilizer, &Live),
     sink: &mut dyn FrameSink,
     observer: &mut dyn Observer,
     totals: &mut Totals,
@@ -92,7 +119,7 @@ fn carry(
     let give_back = |frame| {
         let _ = free.send(frame);
     };
-    let mut late = 0u32;
+    let (mut seen, mut late) = (0, 0u32);
     loop {
         let next = match pace {
             Pace::Live => mailbox.recv_timeout(IDLE),
@@ -107,6 +134,10 @@ fn carry(
                 {
                     give_back(std::mem::replace(&mut frame, newer));
                     totals.dropped += 1;
+                    live.count_dropped();
+                }
+                if let Some(params) = live.changed_since(&mut seen) {
+                    stabilizer.set_params(&params);
                 }
                 stabilizer.take_in(frame);
                 totals.emit_all(stabilizer, sink, observer, give_back)?;
@@ -120,14 +151,15 @@ fn carry(
 }
 
 /// The capture thread's ends of the channels.
-struct HandOver {
+struct HandOver<'a> {
     empty: Receiver<Box<Frame>>,
     full: Sender<Box<Frame>>,
     /// Live: where a stale frame is taken back from. From a file there is none, so that the channel closes with the other side.
     stealing: Option<Receiver<Box<Frame>>>,
+    live: &'a Live,
 }
 
-impl HandOver {
+impl HandOver<'_> {
     /// Until the source ends, it `is_over` or nobody takes frames any more.
     fn run(self, source: &mut dyn FrameSource, is_over: impl Fn() -> bool) -> (Totals, Result<(), DeviceError>) {
         let (mut capture, mut totals) = (Capture::default(), Totals::default());
@@ -144,6 +176,7 @@ impl HandOver {
                 Err(error) => return (totals, Err(error)),
             }
             totals.count_in(&frame);
+            self.live.count_in(frame.intact);
             if !self.send(frame, &mut spare, &mut totals) {
                 break;
             }
@@ -161,6 +194,7 @@ impl HandOver {
             }
             if let Ok(stale) = stealing.try_recv() {
                 totals.dropped += 1;
+                self.live.count_dropped();
                 return Some(stale);
             }
         }
@@ -176,6 +210,7 @@ impl HandOver {
         }
         if let Ok(stale) = stealing.try_recv() {
             totals.dropped += 1;
+            self.live.count_dropped();
             *spare = Some(stale);
         }
         self.full.send(error.into_inner()).is_ok()

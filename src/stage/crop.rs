@@ -83,9 +83,15 @@ impl Room {
     }
 
     /// The least and the most that channel `c` of `correction` may be, the others as they are. Both 0 where they leave nothing.
+    ///
+    /// Yaw and pitch each have sides of their own; that of the other, which perspective tilts a little, is not asked: were it full, the
+    /// little would be all. [`Room::reach`] has the last word on both.
     pub fn of(&self, c: usize, correction: &Pose, rows: Rows) -> [f64; 2] {
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         for Side { normal, free } in &self.sides[..self.used] {
+            if c < 2 && (normal[1 - c] * self.half[1 - c]).abs() > (normal[c] * self.half[c]).abs() {
+                continue;
+            }
             let left = (free[rows as usize] - dot(normal, correction) + normal[c] * correction[c]).max(0.0);
             if normal[c] > 1e-9 {
                 high = high.min(left / normal[c]);

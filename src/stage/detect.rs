@@ -6,7 +6,7 @@
 
 use crate::frame::Frame;
 use crate::image::PlaneRef;
-use crate::kernel::corner;
+use crate::kernel::{Level, corner};
 
 use super::track::Feature;
 
@@ -38,6 +38,7 @@ const UNKNOWN: f32 = 0.6;
 #[derive(Debug)]
 pub struct Detector {
     params: Params,
+    level: Level,
     next_id: u32,
     grid: Grid,
 }
@@ -96,9 +97,19 @@ impl Grid {
 }
 
 impl Detector {
-    /// A detector that has seen nothing.
+    /// A detector that has seen nothing, at this processor's best level.
     pub fn new(params: Params) -> Self {
-        Self { params, next_id: 0, grid: Grid::default() }
+        Self::with_level(params, Level::detected())
+    }
+
+    /// A detector that has seen nothing, at `level`.
+    pub fn with_level(params: Params, level: Level) -> Self {
+        Self { params, level, next_id: 0, grid: Grid::default() }
+    }
+
+    /// Takes the least contrast from `params`. The count of points stays: there is room for so many.
+    pub fn set_params(&mut self, params: &Params) {
+        self.params.min_contrast = params.min_contrast;
     }
 
     /// Thins `features` to one a cell (the oldest stays) and adds one to each empty cell of `frame`'s picture that has
@@ -136,7 +147,7 @@ impl Detector {
                     grid.rest[index] -= 1;
                     continue;
                 }
-                match search(grid, plane, scale, (column, row), least) {
+                match search(self.level, grid, plane, scale, (column, row), least) {
                     Some(at) => {
                         let background = grid.background(column, row);
                         grid.holder[index] = Some((at, background));
@@ -151,12 +162,19 @@ impl Detector {
 }
 
 /// The best free place of a cell, in pixels of the picture.
-fn search(grid: &Grid, plane: PlaneRef<'_>, scale: usize, (column, row): (usize, usize), least: f32) -> Option<[f32; 2]> {
+fn search(
+    level: Level,
+    grid: &Grid,
+    plane: PlaneRef<'_>,
+    scale: usize,
+    (column, row): (usize, usize),
+    least: f32,
+) -> Option<[f32; 2]> {
     let side = grid.cell / scale;
     let offset = (scale as f32 - 1.0) / 2.0;
     let place = |x: usize, y: usize| [(x * scale) as f32 + offset, (y * scale) as f32 + offset];
     let distance = grid.cell as f32 * 0.5;
-    let found = corner::strongest(plane, [column * side, row * side], [side, side], |x, y| {
+    let found = corner::strongest(level, plane, [column * side, row * side], [side, side], |x, y| {
         grid.is_free(column, row, place(x, y), distance)
     })?;
     (found.strength >= least).then(|| place(found.x, found.y))

@@ -66,6 +66,11 @@ impl Fitter {
         Self { params, state: params.seed, lengths: Vec::with_capacity(MOST_TRACKS) }
     }
 
+    /// Takes form and threshold from `params`; the random choices go on as they would.
+    pub fn set_params(&mut self, params: &Params) {
+        (self.params.form, self.params.threshold_px) = (params.form, params.threshold_px);
+    }
+
     /// Fits `tracks`. With too few of them, or all of them in one place or on a line, the fit is the identity with confidence 0.
     pub fn fit(&mut self, tracks: &[Track]) -> Fit {
         let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };

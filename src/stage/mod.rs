@@ -3,6 +3,7 @@
 pub mod crop;
 pub mod detect;
 pub mod fit;
+pub mod presence;
 pub mod pyramid;
 pub mod shutter;
 pub mod smooth;

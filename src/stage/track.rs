@@ -64,6 +64,7 @@ pub struct Tracker {
     level: Level,
     found: Vec<Option<Found>>,
     shifts: Vec<f32>,
+    neighbours: Neighbours,
 }
 
 /// A way along which a point was found.
@@ -95,14 +96,21 @@ struct Found {
 impl Tracker {
     /// A tracker with the given settings.
     pub fn new(params: Params, level: Level) -> Self {
-        Self { params, level, found: Vec::with_capacity(MOST_FEATURES), shifts: Vec::with_capacity(MOST_FEATURES) }
+        let (found, shifts) = (Vec::with_capacity(MOST_FEATURES), Vec::with_capacity(MOST_FEATURES));
+        Self { params, level, found, shifts, neighbours: Neighbours::default() }
+    }
+
+    /// Takes the largest round trip from `params`; the window stays.
+    pub fn set_params(&mut self, params: &Params) {
+        self.params.max_round_trip_px = params.max_round_trip_px;
     }
 
     /// Follows `features` from `before` into `now`. Those that are found move on, the others go; `now.context.tracks` gets one
     /// track each, in the same order. Pictures of different size have no tracks.
     ///
-    /// Points that are not found from where they were are looked for once more where the found ones moved: a jerk leaves many of
-    /// them outside the reach of the coarsest level.
+    /// A point begins where a neighbour found before it moved, on the picture itself. Where there is none, where it is not found so
+    /// or moved otherwise, it is looked for from the coarsest level down; where that fails too, once more from where the found
+    /// ones moved: a jerk leaves many of them outside the reach of the coarsest level.
     pub fn follow(&mut self, before: &Frame, now: &mut Frame, features: &mut Vec<Feature>) {
         let Frame { picture, pyramid, context, .. } = now;
         context.tracks.clear();
@@ -119,21 +127,33 @@ impl Tracker {
         let (old, new) = (Pyramids::of(before), Pyramids { luma: picture.luma(), levels: &pyramid.levels });
         let size = [picture.width() as f32, picture.height() as f32];
         let furthest = self.params.max_round_trip_px as f32;
-        let look = |at: [f32; 2], guess: [f32; 2]| {
-            follow(self.level, &old, &new, at, guess).filter(|found| {
+        let coarsest = old.levels.len();
+        let look = |at: [f32; 2], guess: [f32; 2], from: usize| {
+            follow(self.level, &old, &new, at, guess, from).filter(|found| {
                 let to = [at[0] + found.shift[0], at[1] + found.shift[1]];
                 found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
             })
         };
+        self.neighbours.begin(size);
         self.found.clear();
-        self.found.extend(features.iter().map(|feature| look(feature.at, [0.0; 2])));
+        for feature in features.iter() {
+            let guess = self.neighbours.shift(feature.at);
+            let near = |found: &Found, guess: [f32; 2]| (found.shift[0] - guess[0]).hypot(found.shift[1] - guess[1]) <= NEAR;
+            let found = guess
+                .and_then(|guess| look(feature.at, guess, 0).filter(|found| near(found, guess)))
+                .or_else(|| look(feature.at, [0.0; 2], coarsest));
+            if let Some(found) = &found {
+                self.neighbours.found(feature.at, found.shift);
+            }
+            self.found.push(found);
+        }
         let lost = self.found.iter().filter(|found| found.is_none()).count();
         if let Some(guess) = median_shift(&self.found, &mut self.shifts)
             && guess[0].hypot(guess[1]) > LEAST_GUESS
             && lost * 8 > features.len()
         {
             for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
-                *found = look(feature.at, guess);
+                *found = look(feature.at, guess, coarsest);
             }
         }
         let mut found = self.found.iter();
@@ -160,6 +180,48 @@ impl Tracker {
             });
             true
         });
+    }
+}
+
+/// A point that ends no further than this from where a neighbour's motion takes it was found so (pixels); patches that look alike
+/// are further apart.
+const NEAR: f32 = 2.0;
+
+/// How the points moved that were found last in each part of the picture.
+#[derive(Debug, Default)]
+struct Neighbours {
+    shifts: [[Option<[f32; 2]>; Self::COLUMNS]; Self::ROWS],
+    /// Parts a pixel.
+    scale: [f32; 2],
+}
+
+impl Neighbours {
+    const COLUMNS: usize = 16;
+    const ROWS: usize = 12;
+
+    /// Forgets all, for a picture of the given size.
+    fn begin(&mut self, size: [f32; 2]) {
+        *self = Self { scale: [Self::COLUMNS as f32 / size[0], Self::ROWS as f32 / size[1]], ..Self::default() };
+    }
+
+    fn part(&self, at: [f32; 2]) -> [usize; 2] {
+        let index = |i: usize, count: usize| ((at[i] * self.scale[i]) as usize).min(count - 1);
+        [index(0, Self::COLUMNS), index(1, Self::ROWS)]
+    }
+
+    fn found(&mut self, at: [f32; 2], shift: [f32; 2]) {
+        let [column, row] = self.part(at);
+        self.shifts[row][column] = Some(shift);
+    }
+
+    /// How the point's part of the picture moved, or one beside it.
+    fn shift(&self, at: [f32; 2]) -> Option<[f32; 2]> {
+        let [column, row] = self.part(at);
+        self.shifts[row][column].or_else(|| {
+            let columns = column.saturating_sub(1)..(column + 2).min(Self::COLUMNS);
+            let rows = row.saturating_sub(1)..(row + 2).min(Self::ROWS);
+            self.shifts[rows].iter().flat_map(|row| &row[columns.clone()]).flatten().next().copied()
+        })
     }
 }
 
@@ -194,28 +256,37 @@ impl<'a> Pyramids<'a> {
     }
 }
 
-/// Follows the point `at` forth and back.
+/// Follows the point `at` forth and back, from level `from` down; the way back begins at the opposite of `guess`, not where the way
+/// forth ended, or it would prove nothing.
 fn follow_one<const N: usize>(
     level: Level,
     old: &Pyramids<'_>,
     new: &Pyramids<'_>,
     at: [f32; 2],
     guess: [f32; 2],
+    from: usize,
 ) -> Option<Found> {
-    let forth = descend::<N>(level, old, new, at, guess)?;
+    let forth = descend::<N>(level, old, new, at, guess, from)?;
     let there = [at[0] + forth.shift[0], at[1] + forth.shift[1]];
-    let back = descend::<N>(level, new, old, there, guess.map(|g| -g))?;
+    let back = descend::<N>(level, new, old, there, guess.map(|g| -g), from)?;
     let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
     let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
     let centroid = [0, 1].map(|i: usize| 0.5 * (forth.centroid[i] + back.centroid[i]));
     Some(Found { shift, centroid, round_trip: apart[0].hypot(apart[1]), sigma: forth.sigma })
 }
 
-/// Follows a point from the coarsest level to the finest; `None` where it is lost.
-fn descend<const N: usize>(level: Level, old: &Pyramids<'_>, new: &Pyramids<'_>, at: [f32; 2], guess: [f32; 2]) -> Option<Way> {
+/// Follows a point from level `from` to the finest; `None` where it is lost.
+fn descend<const N: usize>(
+    level: Level,
+    old: &Pyramids<'_>,
+    new: &Pyramids<'_>,
+    at: [f32; 2],
+    guess: [f32; 2],
+    from: usize,
+) -> Option<Way> {
     let mut template = lk::Template::<N>::default();
     let mut way = Way { shift: guess, centroid: [0.0; 2], sigma: f32::INFINITY };
-    for i in (0..=old.levels.len()).rev() {
+    for i in (0..=from).rev() {
         let scale = 1.0 / (1u32 << i) as f32;
         let here = at.map(|c| (c + 0.5) * scale - 0.5);
         template.take(level, old.plane(i), here);

@@ -145,6 +145,7 @@ proptest! {
                     Kind::Choice { words, get, .. } => prop_assert!(words.contains(&get(&settings))),
                     Kind::Switch { .. } => {}
                     Kind::Text { get, .. } => prop_assert!(!get(&settings).is_empty()),
+                    Kind::Form { fits, get, .. } => prop_assert!(fits(get(&settings))),
                 }
             }
         }
@@ -164,6 +165,7 @@ proptest! {
             }
             Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
             Kind::Switch { set, .. } => set(&mut settings, count % 2 == 1),
+            Kind::Form { .. } => {}
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
         }
         let file = format!("[{}]\n{} = {}\n", key.section(), key.short_name(), key.shown(&settings));

@@ -1,62 +1,226 @@
-//! The warp's loop for AVX2: eight pixels at a time, their neighbours gathered. The same bits as the scalar loop.
+//! The warp's loop for AVX2: sixteen pixels at a time, shuffled out of the two or three rows that they touch.
+//!
+//! Eight neighbours on a line that is not much longer than they are lie within sixteen bytes of each row, and, where the line is not
+//! too steep, within three rows. So nothing is gathered: each half of a register, an octet, loads its own sixteen bytes.
 
 use std::arch::x86_64::*;
+use std::ops::Range;
 
-use super::Line;
+use super::{Cells, HALF_STEP, MARGIN, is_inside, scalar};
 use crate::image::PlaneRef;
 
-/// Draws whole eights of `out` along `line`, which must lie inside the plane; gives how many pixels were drawn. What is left, and
-/// a line that comes too near to the plane's last sample for gathering four bytes at a time, is the scalar loop's.
+/// Pixels at a time: two octets.
+const BLOCK: usize = 16;
+/// The largest step along x: eight pixels then span no more than fifteen bytes, their right neighbours included.
+const LONGEST: i32 = 7 << 14;
+/// The largest step along y, either way: eight pixels then touch three rows at most.
+const STEEPEST: i32 = (1 << 16) / 8;
+/// Bytes that are loaded from the first pixel of an octet on.
+const LOAD: i64 = 16;
+/// Cells whose octets are found at a time.
+const CHUNK: usize = 32;
+
+/// Draws a row as [`super::row`] does.
+#[target_feature(enable = "avx2")]
+pub fn row(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    match cells.wide {
+        16 => row_of::<1>(plane, cells, out),
+        32 => row_of::<2>(plane, cells, out),
+        64 => row_of::<4>(plane, cells, out),
+        _ => super::row_scalar(plane, cells, out),
+    }
+}
+
+/// As [`row`], for cells of `BLOCKS` blocks.
 #[target_feature(enable = "avx2")]
 #[inline]
-pub fn inside(plane: PlaneRef<'_>, line: Line, out: &mut [u8]) -> usize {
-    let (samples, stride) = (plane.samples(), plane.stride());
-    let count = out.len() & !7;
-    if count == 0 || stride > i32::MAX as usize || samples.len() > i32::MAX as usize {
-        return 0;
+fn row_of<const BLOCKS: usize>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    let mut octets = Octets::<BLOCKS>::new();
+    let count = cells.start[0].len().min(out.len().div_ceil(cells.wide));
+    for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
+        let lines = Lines::of(cells, n..count.min(n + CHUNK));
+        if out.len() == lines.count * cells.wide && lines.fit(plane, cells.wide) {
+            octets.find(plane.stride(), &lines);
+            // SAFETY: `fit` said that every pixel of these cells lies inside the plane, that their lines are as flat as `draw`
+            // needs, and that sixteen bytes from any pixel, up to two rows further down, lie in the plane's samples.
+            unsafe { octets.draw(plane, &lines, out) };
+            continue;
+        }
+        for (i, out) in out.chunks_mut(cells.wide).enumerate() {
+            let line = Lines::of(cells, n + i..n + i + 1);
+            if out.len() == cells.wide && line.fit(plane, cells.wide) {
+                octets.find(plane.stride(), &line);
+                // SAFETY: as above.
+                unsafe { octets.draw(plane, &line, out) };
+            } else {
+                scalar(plane, cells.line(n + i), out);
+            }
+        }
     }
-    // the furthest sample that either end of the line touches, and with it every point between
-    let end = |start: i32, step: i32| (i64::from(start).max(i64::from(start) + i64::from(step) * (out.len() as i64 - 1))) >> 16;
-    let furthest = (end(line.start[1], line.step[1]) as usize + 1) * stride + end(line.start[0], line.step[0]) as usize + 4;
-    if furthest > samples.len() {
-        return 0;
+}
+
+/// The lines of some cells; those beyond `count` repeat the last.
+struct Lines {
+    count: usize,
+    start: [[i32; CHUNK]; 2],
+    step: [[i32; CHUNK]; 2],
+}
+
+impl Lines {
+    /// The lines of at most [`CHUNK`] cells, at least one.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn of(cells: Cells<'_>, range: Range<usize>) -> Self {
+        let last = cells.line(range.end - 1);
+        let mut lines = Self { count: range.len(), start: last.start.map(|x| [x; CHUNK]), step: last.step.map(|x| [x; CHUNK]) };
+        for axis in 0..2 {
+            lines.start[axis][..range.len()].copy_from_slice(&cells.start[axis][range.clone()]);
+            lines.step[axis][..range.len()].copy_from_slice(&cells.step[axis][range.clone()]);
+        }
+        lines
     }
-    let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    let along =
-        |start: i32, step: i32| _mm256_add_epi32(_mm256_set1_epi32(start), _mm256_mullo_epi32(lanes, _mm256_set1_epi32(step)));
-    let (mut x, mut y) = (along(line.start[0], line.step[0]), along(line.start[1], line.step[1]));
-    let (eight_x, eight_y) = (_mm256_set1_epi32(line.step[0].wrapping_mul(8)), _mm256_set1_epi32(line.step[1].wrapping_mul(8)));
-    let (stride_lanes, byte) = (_mm256_set1_epi32(stride as i32), _mm256_set1_epi32(255));
-    let (one, half) = (_mm256_set1_epi32(256), _mm256_set1_epi32(1 << 15));
-    // byte 0 of each lane to its low half, byte 1 to its high half
-    let spread = _mm256_setr_epi8(
-        0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1, 0, -1, 1, -1, 4, -1, 5, -1, 8, -1, 9, -1, 12, -1, 13, -1,
-    );
-    for eight in out[..count].chunks_exact_mut(8) {
-        let at = _mm256_add_epi32(_mm256_mullo_epi32(_mm256_srai_epi32(y, 16), stride_lanes), _mm256_srai_epi32(x, 16));
-        // SAFETY: the caller's line lies inside the plane, so every `at` is at least 0; the check above says that four bytes from
-        // the largest `at` on, one row further down, still lie in `samples`.
-        let (above, below) = unsafe {
-            (
-                _mm256_i32gather_epi32::<1>(samples.as_ptr().cast(), at),
-                _mm256_i32gather_epi32::<1>(samples.as_ptr().add(stride).cast(), at),
-            )
+
+    /// Whether they can be drawn by octets.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn fit(&self, plane: PlaneRef<'_>, wide: usize) -> bool {
+        let range = |axis: usize| {
+            let (mut starts, mut steps, mut ends) = ([i32::MAX, i32::MIN], [i32::MAX, i32::MIN], [i32::MAX, i32::MIN]);
+            for (&start, &step) in self.start[axis].iter().zip(&self.step[axis]) {
+                let end = start.wrapping_add(step.wrapping_mul(wide as i32 - 1));
+                starts = [starts[0].min(start), starts[1].max(start)];
+                steps = [steps[0].min(step), steps[1].max(step)];
+                ends = [ends[0].min(end), ends[1].max(end)];
+            }
+            (starts, steps, ends)
         };
-        let fx = _mm256_and_si256(_mm256_srai_epi32(x, 8), byte);
-        let fy = _mm256_and_si256(_mm256_srai_epi32(y, 8), byte);
-        let weights = _mm256_or_si256(_mm256_sub_epi32(one, fx), _mm256_slli_epi32(fx, 16));
-        let top = _mm256_madd_epi16(_mm256_shuffle_epi8(above, spread), weights);
-        let bottom = _mm256_madd_epi16(_mm256_shuffle_epi8(below, spread), weights);
-        let mixed = _mm256_add_epi32(_mm256_slli_epi32(top, 8), _mm256_mullo_epi32(_mm256_sub_epi32(bottom, top), fy));
-        let rounded = _mm256_srai_epi32(_mm256_add_epi32(mixed, half), 16);
-        let words = _mm256_packus_epi32(rounded, rounded);
-        let bytes = _mm256_packus_epi16(words, words);
-        let low = _mm_cvtsi128_si32(_mm256_castsi256_si128(bytes));
-        let high = _mm_cvtsi128_si32(_mm256_extracti128_si256::<1>(bytes));
-        eight[..4].copy_from_slice(&low.to_le_bytes());
-        eight[4..].copy_from_slice(&high.to_le_bytes());
-        x = _mm256_add_epi32(x, eight_x);
-        y = _mm256_add_epi32(y, eight_y);
+        let (xs, dxs, x_ends) = range(0);
+        let (ys, dys, y_ends) = range(1);
+        // steps this short and starts this near cannot have overflowed on their way to the ends
+        let near = |starts: [i32; 2]| starts[0] >= MARGIN && starts[1] < 1 << 30;
+        if !(near(xs) && near(ys) && dxs[0] >= 0 && dxs[1] <= LONGEST && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
+            return false;
+        }
+        let (low, high) = ([xs[0].min(x_ends[0]), ys[0].min(y_ends[0])], [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])]);
+        let rows = (i64::from(high[1] >> 16) + 2) * plane.stride() as i64;
+        let furthest = rows + i64::from((high[0] + HALF_STEP) >> 16) + LOAD;
+        is_inside(plane, [low, high]) && furthest <= (plane.samples().len() as i64).min(i64::from(i32::MAX))
     }
-    count
+}
+
+/// Where the octets of some cells begin: by block, by half of a block, by cell.
+struct Octets<const BLOCKS: usize> {
+    /// Sample of the leftmost column in the uppermost row.
+    at: [[[u32; CHUNK]; 2]; BLOCKS],
+    /// The first pixel's place from there on: x in the low half, y in the high one, 1/4096.
+    place: [[[u32; CHUNK]; 2]; BLOCKS],
+    /// Not 0 where the octet touches a third row.
+    steep: [[[i32; CHUNK]; 2]; BLOCKS],
+}
+
+impl<const BLOCKS: usize> Octets<BLOCKS> {
+    fn new() -> Self {
+        Self { at: [[[0; CHUNK]; 2]; BLOCKS], place: [[[0; CHUNK]; 2]; BLOCKS], steep: [[[0; CHUNK]; 2]; BLOCKS] }
+    }
+
+    /// Finds the octets of lines that [fit](Lines::fit).
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn find(&mut self, stride: usize, lines: &Lines) {
+        let ([xs, ys], [dxs, dys]) = (&lines.start, &lines.step);
+        for b in 0..BLOCKS {
+            for half in 0..2 {
+                let (at, place, steep) = (&mut self.at[b][half], &mut self.place[b][half], &mut self.steep[b][half]);
+                let first = (BLOCK * b + 8 * half) as i32;
+                for i in 0..CHUNK {
+                    let x = xs[i] + first * dxs[i] + HALF_STEP;
+                    let y = (ys[i] + first * dys[i]) & !15;
+                    let end = y + 7 * (dys[i] & !15);
+                    let row = y.min(end) >> 16;
+                    at[i] = (row * stride as i32 + (x >> 16)) as u32;
+                    place[i] = ((x & 0xffff) >> 4 | (y - (row << 16)) >> 4 << 16) as u32;
+                    steep[i] = (y.max(end) >> 16) - row;
+                }
+            }
+        }
+    }
+
+    /// Draws the cells.
+    ///
+    /// # Safety
+    /// The octets are those of these lines, which [fit](Lines::fit); `out` is as long as their cells.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    unsafe fn draw(&self, plane: PlaneRef<'_>, lines: &Lines, out: &mut [u8]) {
+        let (samples, stride) = (plane.samples().as_ptr(), plane.stride());
+        let [dxs, dys] = &lines.step;
+        let n = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7);
+        // bytes 0 and 1 (x), or 2 and 3 (y), to all
+        let [spread_x, spread_y] = [_mm256_set1_epi16(0x0100), _mm256_set1_epi16(0x0302)];
+        for (i, out) in out.chunks_exact_mut(BLOCKS * BLOCK).enumerate().take(CHUNK) {
+            let ways = [dxs[i], dys[i]].map(|step| _mm256_mullo_epi16(n, _mm256_set1_epi16((step >> 4) as i16)));
+            for (b, out) in out.chunks_exact_mut(BLOCK).enumerate() {
+                let [first, second] = [0, 1].map(|half| self.at[b][half][i]);
+                let [low, high] = [0, 1].map(|half| _mm_set1_epi32(self.place[b][half][i] as i32));
+                let places = _mm256_set_m128i(high, low);
+                let x = _mm256_add_epi16(_mm256_shuffle_epi8(places, spread_x), ways[0]);
+                let y = _mm256_add_epi16(_mm256_shuffle_epi8(places, spread_y), ways[1]);
+                // SAFETY: the caller's promise.
+                let load = |down: usize| unsafe {
+                    let half = |at: u32| _mm_loadu_si128(samples.add(at as usize + down * stride).cast());
+                    _mm256_set_m128i(half(second), half(first))
+                };
+                let bytes = if self.steep[b][0][i] | self.steep[b][1][i] == 0 {
+                    mix(x, y, [load(0), load(1)])
+                } else {
+                    mix_steep(x, y, [load(0), load(1), load(2)])
+                };
+                // SAFETY: `out` is a chunk of sixteen bytes.
+                unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), bytes) };
+            }
+        }
+    }
+}
+
+/// What a row shows at sixteen places (1/4096 of a column from each octet's first byte on), less 128, in 1/128 grey levels.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn along(x: __m256i) -> impl Fn(__m256i) -> __m256i {
+    let fraction = _mm256_and_si256(_mm256_srli_epi16::<5>(x), _mm256_set1_epi16(127));
+    // bytes (128 - fraction, fraction) of each pixel
+    let weights = _mm256_add_epi16(_mm256_mullo_epi16(fraction, _mm256_set1_epi16(255)), _mm256_set1_epi16(128));
+    // bytes (column, column + 1) of each pixel
+    let column = _mm256_mullo_epi16(_mm256_srli_epi16::<12>(x), _mm256_set1_epi16(257));
+    let pairs = _mm256_add_epi16(column, _mm256_set1_epi16(256));
+    let sign = _mm256_set1_epi8(-128);
+    move |samples| _mm256_maddubs_epi16(weights, _mm256_xor_si256(_mm256_shuffle_epi8(samples, pairs), sign))
+}
+
+/// Mixes two rows; `y` in 1/4096 from the upper to the lower.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn mix(x: __m256i, y: __m256i, rows: [__m256i; 2]) -> __m128i {
+    let along = along(x);
+    finish(along(rows[0]), along(rows[1]), y)
+}
+
+/// Mixes the first and second or the second and third row, as `y` says.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn mix_steep(x: __m256i, y: __m256i, rows: [__m256i; 3]) -> __m128i {
+    let along = along(x);
+    let [upper, middle, lower] = [along(rows[0]), along(rows[1]), along(rows[2])];
+    let below = _mm256_cmpgt_epi16(y, _mm256_set1_epi16(4095));
+    finish(_mm256_blendv_epi8(upper, middle, below), _mm256_blendv_epi8(middle, lower, below), y)
+}
+
+/// From two rows' values at each pixel's column to bytes.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn finish(top: __m256i, bottom: __m256i, y: __m256i) -> __m128i {
+    let part = _mm256_slli_epi16::<3>(_mm256_and_si256(y, _mm256_set1_epi16(4095)));
+    let mixed = _mm256_add_epi16(top, _mm256_mulhrs_epi16(_mm256_sub_epi16(bottom, top), part));
+    let rounded = _mm256_srai_epi16::<7>(_mm256_add_epi16(mixed, _mm256_set1_epi16(64)));
+    let bytes = _mm_packs_epi16(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256::<1>(rounded));
+    _mm_xor_si128(bytes, _mm_set1_epi8(-128))
 }

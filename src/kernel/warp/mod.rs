@@ -1,116 +1,100 @@
-//! Bilinear sampling along a straight line: the warp's one pixel loop.
+//! Bilinear sampling along straight lines: the warp's one pixel loop.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod cells;
+mod nodes;
+
+use cells::Line;
+pub use cells::{Axis, Between, Cells, FURTHEST, lines};
+pub use nodes::{Mesh, RowTable, TABLE, nodes};
 
 use super::Level;
 use crate::image::PlaneRef;
 
-/// A line through a plane in 16.16 fixed point: the point of the first output pixel and the step to each next.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Line {
-    /// First point (x, y).
-    pub start: [i32; 2],
-    /// Step (x, y).
-    pub step: [i32; 2],
-}
-
 /// One in 16.16.
 pub const ONE: i32 = 1 << 16;
+/// Columns count in steps of 1/128: half of one, for rounding.
+const HALF_STEP: i32 = ONE / 256;
 
-/// A line and where its pixels end in a row of output; they begin where the span before ends.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Span {
-    /// From the span's first pixel on.
-    pub line: Line,
-    /// Column after its last pixel.
-    pub end: usize,
-}
+/// Points this near to the plane's left or upper edge may be rounded down to beyond it.
+const MARGIN: i32 = 128;
 
-/// Draws a row of output from one span after the other, bilinear with weights of 1/256, rounded to nearest. Points outside the
-/// plane take its nearest edge. Spans that end beyond `out` are cut.
-pub fn row(level: Level, plane: PlaneRef<'_>, spans: &[Span], out: &mut [u8]) {
-    if plane.width() == 0 || plane.height() == 0 {
+/// Draws a row of output, one cell's line after the other: bilinear, rounded to nearest. Points outside the plane take its nearest
+/// edge.
+///
+/// Every eighth pixel of a cell begins a line of its own; its place and its step are rounded down to 1/4096. Columns are then
+/// rounded to 1/128.
+pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    if plane.width() == 0 || plane.height() == 0 || cells.wide == 0 {
         return;
     }
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
         // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
-        return unsafe { row_avx2(plane, spans, out) };
+        return unsafe { avx2::row(plane, cells, out) };
     }
     let _ = level;
-    let mut x = 0;
-    for span in spans {
-        let end = span.end.min(out.len());
-        if end > x {
-            scalar(plane, span.line, &mut out[x..end], 0);
-            x = end;
-        }
+    row_scalar(plane, cells, out);
+}
+
+fn row_scalar(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    for (i, out) in out.chunks_mut(cells.wide).enumerate().take(cells.start[0].len()) {
+        scalar(plane, cells.line(i), out);
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn row_avx2(plane: PlaneRef<'_>, spans: &[Span], out: &mut [u8]) {
-    let mut x = 0;
-    for span in spans {
-        let end = span.end.min(out.len());
-        if end > x {
-            let out = &mut out[x..end];
-            let done = if is_inside(plane, span.line, out.len()) { avx2::inside(plane, span.line, out) } else { 0 };
-            scalar(plane, span.line, out, done);
-            x = end;
-        }
-    }
+/// Whether all points within a rectangle (two corners) have all four neighbours in the plane.
+#[inline(always)]
+fn is_inside(plane: PlaneRef<'_>, [low, high]: [[i32; 2]; 2]) -> bool {
+    let limit = |size: usize| (size as i64 - 1) << 16;
+    low[0] >= MARGIN
+        && low[1] >= MARGIN
+        && i64::from(high[0]) + i64::from(HALF_STEP) < limit(plane.width())
+        && i64::from(high[1]) < limit(plane.height())
 }
 
-/// Whether every point of a line of `count` pixels has all four neighbours in the plane.
+/// The place of a line's pixel `n`.
 #[inline(always)]
-fn is_inside(plane: PlaneRef<'_>, line: Line, count: usize) -> bool {
-    let last = count as i64 - 1;
-    let within = |start: i32, step: i32, size: usize| {
-        let (end, limit) = (i64::from(start) + i64::from(step) * last, (size as i64 - 1) << 16);
-        start >= 0 && i64::from(start) < limit && end >= 0 && end < limit
-    };
-    within(line.start[0], line.step[0], plane.width()) && within(line.start[1], line.step[1], plane.height())
+fn place(start: i32, step: i32, n: i32) -> i32 {
+    (start.wrapping_add(step.wrapping_mul(n & !7)) & !15).wrapping_add((step & !15).wrapping_mul(n & 7))
 }
 
-/// Draws the pixels of `out` from `first` on along `line`.
+/// Draws the pixels of `out` along a line.
 #[inline(always)]
-fn scalar(plane: PlaneRef<'_>, line: Line, out: &mut [u8], first: usize) {
+fn scalar(plane: PlaneRef<'_>, Line { start, step }: Line, out: &mut [u8]) {
     let (w, h) = (plane.width() as i32, plane.height() as i32);
-    let along = |axis: usize| line.start[axis].saturating_add(line.step[axis].saturating_mul(first as i32));
-    let [mut x, mut y] = [along(0), along(1)];
-    if is_inside(plane, line, out.len()) {
+    let along = |axis: usize, n: usize| place(start[axis], step[axis], n as i32);
+    let last = out.len().saturating_sub(1);
+    let corner = |pick: fn(i32, i32) -> i32| [0, 1].map(|axis| pick(along(axis, 0), along(axis, last)));
+    // so short a step cannot have overflowed on its way
+    if step.iter().all(|step| step.abs() < 8 * ONE) && is_inside(plane, [corner(i32::min), corner(i32::max)]) {
         let (samples, stride) = (plane.samples(), plane.stride());
-        for out in &mut out[first..] {
+        for (n, out) in out.iter_mut().enumerate() {
+            let (x, y) = (along(0, n) + HALF_STEP, along(1, n));
             let at = (y >> 16) as usize * stride + (x >> 16) as usize;
             let pixel = &samples[at..at + stride + 2];
             *out = blend([pixel[0], pixel[1], pixel[stride], pixel[stride + 1]], x, y);
-            x += line.step[0];
-            y += line.step[1];
         }
         return;
     }
-    for out in &mut out[first..] {
-        let (cx, cy) = (x.clamp(0, (w - 1) << 16), y.clamp(0, (h - 1) << 16));
-        let (ix, iy) = ((cx >> 16) as usize, (cy >> 16) as usize);
+    for (n, out) in out.iter_mut().enumerate() {
+        let (x, y) = (along(0, n).clamp(0, (w - 1) << 16) + HALF_STEP, along(1, n).clamp(0, (h - 1) << 16));
+        let (ix, iy) = ((x >> 16) as usize, (y >> 16) as usize);
         let (a, b) = (plane.row(iy), plane.row((iy + 1).min(h as usize - 1)));
         let next = (ix + 1).min(w as usize - 1);
-        *out = blend([a[ix], a[next], b[ix], b[next]], cx, cy);
-        x = x.saturating_add(line.step[0]);
-        y = y.saturating_add(line.step[1]);
+        *out = blend([a[ix], a[next], b[ix], b[next]], x, y);
     }
 }
 
-/// Weighs four neighbours by the fractions of `x` and `y`, 8 bits of each.
+/// Weighs four neighbours by the fractions of `x` (7 bits of it, then 7 bits of the mean) and `y`.
 #[inline(always)]
 fn blend([a, b, c, d]: [u8; 4], x: i32, y: i32) -> u8 {
-    let (fx, fy) = ((x >> 8) & 255, (y >> 8) & 255);
-    let (a, b, c, d) = (i32::from(a), i32::from(b), i32::from(c), i32::from(d));
-    let top = (a << 8) + (b - a) * fx;
-    let bottom = (c << 8) + (d - c) * fx;
-    (((top << 8) + (bottom - top) * fy + (1 << 15)) >> 16) as u8
+    let (fx, fy) = ((x >> 9) & 127, (y & 0xffff) >> 1);
+    let mix = |left: u8, right: u8| (128 - fx) * i32::from(left) + fx * i32::from(right);
+    let (top, bottom) = (mix(a, b), mix(c, d));
+    let mixed = top + (((bottom - top) * fy + (1 << 14)) >> 15);
+    ((mixed + 64) >> 7) as u8
 }
 
 #[cfg(test)]
@@ -119,22 +103,25 @@ mod tests {
     use crate::image::Plane;
     use proptest::prelude::*;
 
-    fn span(level: Level, plane: PlaneRef<'_>, line: Line, out: &mut [u8]) {
-        row(level, plane, &[Span { line, end: out.len() }], out);
+    fn line(level: Level, plane: PlaneRef<'_>, start: [i32; 2], step: [i32; 2], out: &mut [u8]) {
+        let cells = Cells { start: [&[start[0]], &[start[1]]], step: [&[step[0]], &[step[1]]], wide: out.len() };
+        row(level, plane, cells, out);
     }
 
     #[test]
     fn whole_steps_copy_and_halves_average() {
-        let mut plane = Plane::<u8>::new(5, 3);
+        let mut plane = Plane::<u8>::new(37, 3);
         for (i, s) in plane.samples_mut().iter_mut().enumerate() {
-            *s = (i * 16) as u8;
+            *s = (i * 2) as u8;
         }
         for level in Level::all() {
-            let mut out = [0; 5];
-            span(level, plane.as_ref(), Line { start: [0, ONE], step: [ONE, 0] }, &mut out);
-            assert_eq!(out, [80, 96, 112, 128, 144]);
-            span(level, plane.as_ref(), Line { start: [ONE / 2, ONE], step: [ONE, 0] }, &mut out[..4]);
-            assert_eq!(out[..4], [88, 104, 120, 136]);
+            let mut out = [0; 36];
+            line(level, plane.as_ref(), [0, ONE], [ONE, 0], &mut out);
+            assert_eq!(out[..], plane.row(1)[..36]);
+            line(level, plane.as_ref(), [ONE / 2, ONE / 2], [ONE, 0], &mut out[..32]);
+            for (x, &out) in out[..32].iter().enumerate() {
+                assert_eq!(usize::from(out), 2 * x + 38);
+            }
         }
     }
 
@@ -144,49 +131,72 @@ mod tests {
         plane.samples_mut().fill(9);
         for level in Level::all() {
             let mut out = [0; 16];
-            span(level, plane.as_ref(), Line { start: [-3 * ONE, i32::MAX], step: [i32::MAX, i32::MIN] }, &mut out);
+            line(level, plane.as_ref(), [-3 * ONE, i32::MAX], [i32::MAX, i32::MIN], &mut out);
             assert_eq!(out, [9; 16]);
         }
     }
 
+    /// Steps as they come in practice, and any others.
+    fn steps() -> impl Strategy<Value = [i32; 2]> {
+        prop_oneof![
+            3 => (ONE / 2..2 * ONE, -ONE / 6..ONE / 6).prop_map(|(x, y)| [x, y]),
+            1 => prop::array::uniform2(-2 * ONE..2 * ONE),
+        ]
+    }
+
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(600))]
+
         /// Every level gives the bits of the definition, pixel by pixel, and touches nothing past the row's end.
         #[test]
         fn every_level_agrees_with_the_definition(
-            (w, h) in (1usize..40, 1usize..12),
+            (w, h) in (1usize..160, 1usize..14),
             padding in 0usize..3,
-            start in prop::array::uniform2(-4 * ONE..44 * ONE),
-            step in prop::array::uniform2(-2 * ONE..2 * ONE),
-            ends in prop::collection::vec(1usize..30, 1..4),
+            starts in prop::collection::vec((-4 * ONE..100 * ONE, -2 * ONE..14 * ONE), 1..4),
+            step in steps(),
+            wide in prop::sample::select(vec![5usize, 16, 32, 64]),
+            short in 0usize..5,
             seed in any::<u32>(),
+            extremes in any::<bool>(),
         ) {
             let stride = w + padding;
-            let data: Vec<u8> = (0..(h - 1) * stride + w).map(|i| (i as u32).wrapping_mul(seed | 1).rotate_right(9) as u8).collect();
+            let sample = |i: usize| {
+                let noise = (i as u32).wrapping_mul(seed | 1).rotate_right(9) as u8;
+                if extremes { [0, 255][usize::from(noise & 1)] } else { noise }
+            };
+            let data: Vec<u8> = (0..(h - 1) * stride + w).map(sample).collect();
             let plane = PlaneRef::new(&data, w, h, stride).unwrap();
-            let mut spans = Vec::new();
-            for count in ends {
-                let end = spans.last().map_or(0, |span: &Span| span.end) + count;
-                spans.push(Span { line: Line { start: [start[0] / 3, start[1] / 5], step }, end });
-            }
-            let width = spans.last().map_or(0, |span| span.end);
+            let width = starts.len() * wide - short;
             let mut wanted = vec![0xAA; width + 9];
-            let mut x = 0;
-            for span in &spans {
-                for i in 0..span.end - x {
-                    let at = |axis: usize| span.line.start[axis] + span.line.step[axis] * i as i32;
-                    let (px, py) = (at(0).clamp(0, (w as i32 - 1) << 16), at(1).clamp(0, (h as i32 - 1) << 16));
-                    let sample = |dx: usize, dy: usize| {
-                        data[((py >> 16) as usize + dy).min(h - 1) * stride + ((px >> 16) as usize + dx).min(w - 1)]
-                    };
-                    wanted[x + i] = blend([sample(0, 0), sample(1, 0), sample(0, 1), sample(1, 1)], px, py);
-                }
-                x = span.end;
+            for (x, wanted) in wanted[..width].iter_mut().enumerate() {
+                let (cell, n) = (x / wide, (x % wide) as i32);
+                // the place of the eighth pixel before, and the step, in 1/4096
+                let at = |start: i32, step: i32| 16 * ((start + n / 8 * 8 * step).div_euclid(16) + n % 8 * step.div_euclid(16));
+                let px = at(starts[cell].0, step[0]).clamp(0, (w as i32 - 1) << 16) + HALF_STEP;
+                let py = at(starts[cell].1, step[1]).clamp(0, (h as i32 - 1) << 16);
+                let sample = |dx: usize, dy: usize| {
+                    data[((py >> 16) as usize + dy).min(h - 1) * stride + ((px >> 16) as usize + dx).min(w - 1)]
+                };
+                *wanted = blend([sample(0, 0), sample(1, 0), sample(0, 1), sample(1, 1)], px, py);
             }
+            let (xs, ys): (Vec<i32>, Vec<i32>) = starts.iter().copied().unzip();
+            let (dxs, dys) = (vec![step[0]; xs.len()], vec![step[1]; xs.len()]);
             for level in Level::all() {
                 let mut out = vec![0xAA; width + 9];
-                row(level, plane, &spans, &mut out[..width]);
+                let cells = Cells { start: [&xs, &ys], step: [&dxs, &dys], wide };
+                row(level, plane, cells, &mut out[..width]);
                 prop_assert_eq!(&out, &wanted, "{}", level.name());
             }
+        }
+
+        /// Bilinear, and rounded to nearest but for what 1/128 of a column leaves over.
+        #[test]
+        fn the_definition_is_bilinear(four in any::<[u8; 4]>(), fx in 0..ONE, fy in 0..ONE) {
+            let [a, b, c, d] = four.map(f64::from);
+            let (u, v) = (f64::from(fx & !511) / f64::from(ONE), f64::from(fy) / f64::from(ONE));
+            let exact = (a * (1.0 - u) + b * u) * (1.0 - v) + (c * (1.0 - u) + d * u) * v;
+            let found = f64::from(blend(four, fx, fy));
+            prop_assert!((found - exact).abs() <= 0.52, "{found} for {exact}");
         }
     }
 }

@@ -113,6 +113,7 @@ impl Cho2007 {
             motion: parameters(motion),
             path: parameters(path),
             confidence,
+            rows_part: 1.0,
         };
         self.known = [reference, newest];
     }
@@ -153,7 +154,13 @@ impl Cho2007 {
 /// The motion of a camera at rest.
 fn rest(rows: f64) -> Motion {
     let still = parameters(Zoom::IDENTITY);
-    Motion { rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows }, motion: still, path: still, confidence: 1.0 }
+    Motion {
+        rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows },
+        motion: still,
+        path: still,
+        confidence: 1.0,
+        rows_part: 1.0,
+    }
 }
 
 /// a, c, d as the four parameters that travel with a frame.

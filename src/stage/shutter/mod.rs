@@ -96,6 +96,8 @@ pub struct Motion {
     pub path: [f64; 4],
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
+    /// The part of the rows' motion that is to be undone, 0 to 1.
+    pub rows_part: f64,
 }
 
 /// A rolling-shutter model at work.

@@ -6,7 +6,9 @@
 //! never thrown back. All in seconds, in steps far finer than a frame, so that the rate of the frames changes little.
 
 mod adaptive;
+mod forecast;
 mod iir;
+mod plan;
 
 use std::f64::consts::TAU;
 
@@ -40,55 +42,89 @@ impl Default for Params {
     }
 }
 
-/// Longest step, seconds.
+/// Longest step of the paper's filter, seconds.
 const STEP_S: f64 = 0.0085;
 /// The order of the channels: what turns takes its part of the window first, the rest is for yaw and pitch.
 const ORDER: [usize; 4] = [3, 2, 0, 1];
-/// The way to the camera is never covered faster than in so many seconds, pushed or not.
-const CATCH_UP_S: f64 = 0.05;
-/// Seconds in which a place that had to be set back has gained the speed for it.
-const HARD_S: f64 = 1.0 / 30.0;
-/// Share of the window from which its edge pushes the speed.
-const SOFT: f64 = 0.97;
-/// Seconds ahead that it looks.
-const SOFT_AHEAD_S: f64 = 0.01;
-/// Seconds in which it pushes.
-const SOFT_S: f64 = 0.669;
-/// Part of that push that lasts.
-const SOFT_LASTS: f64 = 0.675;
-/// Share of the window from which its edge carries the place along, until at 1 nothing goes farther out.
-const FIRM: f64 = 0.955;
-/// Speed that lasts of it, per second.
-const FIRM_LASTS: f64 = 17.5;
-/// Part of the speed that lasts where the place had to be set back.
-const HARD_LASTS: f64 = 0.77;
-/// Part of the window that roll may take.
-const ROLL: f64 = 0.6855;
+/// Part of the window that roll and zoom may take.
+const SHARE: [f64; 4] = [1.0, 1.0, 0.6, 0.25];
 /// Part of the window that is never used: what the window's description leaves out.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
 const STRENGTH_S: f64 = 1.0;
 
+/// Numbers of the adaptive drive.
+#[derive(Clone, Copy, Debug)]
+pub struct Tuning {
+    /// Ridge against which the forecast's weights are learned, half windows^2.
+    pub ridge: f64,
+    /// Seconds for which the forecast remembers.
+    pub forget_s: f64,
+    /// Seconds for which the forecast's errors are remembered.
+    pub error_s: f64,
+    /// Error that is expected of a forecast six ticks ahead, half windows.
+    pub first_error: f64,
+    /// Factor on the measured errors, and the least that is believed, half windows.
+    pub doubt: f64,
+    /// See `doubt`.
+    pub least_deviation: f64,
+    /// Rate at which speed is worth as much as acceleration, Hz.
+    pub drag_hz: f64,
+    /// Weight of jerk, of an excess over the window now, and later.
+    pub jerk: f64,
+    /// See `jerk`.
+    pub rho_now: f64,
+    /// See `jerk`.
+    pub rho: f64,
+    /// Seconds after which a foreseen excess counts e times less.
+    pub option_s: f64,
+    /// Speed at which the window ahead is half as wide, half windows to a tick.
+    pub lead_speed: f64,
+    /// Share of the window that the plan counts on later.
+    pub later: f64,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self {
+            ridge: 0.00003,
+            forget_s: 45.0,
+            error_s: 0.37,
+            first_error: 0.56,
+            doubt: 0.347,
+            least_deviation: 0.16,
+            drag_hz: 0.495,
+            jerk: 0.0145,
+            rho_now: 0.0152,
+            rho: 0.119,
+            option_s: 0.119,
+            lead_speed: 0.0097,
+            later: 0.85,
+        }
+    }
+}
+
 /// Moves the virtual camera.
 #[derive(Clone, Debug)]
 pub struct Smoother {
     params: Params,
+    tuning: Tuning,
     /// Strength as it is, on its way to the one that is wanted.
     strength: f64,
-    state: Option<[Channel; 4]>,
+    /// Whether a stream has begun.
+    begun: bool,
+    channels: [Channel; 4],
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Channel {
     /// The camera's place.
     camera: f64,
     /// The virtual camera's.
     place: f64,
-    /// The same in the window that its shake wants.
-    inner: f64,
-    /// Speed of that, units / second.
-    speed: f64,
+    /// `None` until it is needed.
     drive: adaptive::Drive,
+    driven: bool,
     /// The paper's filter, and the part of its correction that the window allows.
     filter: iir::LowPass,
     gain: f64,
@@ -97,7 +133,26 @@ struct Channel {
 impl Smoother {
     /// A virtual camera that has seen nothing.
     pub fn new(params: &Params) -> Self {
-        Self { params: *params, strength: params.strength, state: None }
+        Self::tuned(params, &Tuning::default())
+    }
+
+    /// The same with other numbers.
+    pub fn tuned(params: &Params, tuning: &Tuning) -> Self {
+        let channel = || Channel {
+            camera: 0.0,
+            place: 0.0,
+            drive: adaptive::Drive::new(),
+            driven: false,
+            filter: iir::LowPass::default(),
+            gain: 1.0,
+        };
+        Self {
+            params: *params,
+            tuning: *tuning,
+            strength: params.strength,
+            begun: false,
+            channels: [channel(), channel(), channel(), channel()],
+        }
     }
 
     /// Takes new settings; what changes glides.
@@ -107,147 +162,110 @@ impl Smoother {
 
     /// A stream begins: the next path is followed from where it is.
     pub fn begin(&mut self) {
-        self.state = None;
+        self.begun = false;
         self.strength = self.params.strength;
     }
 
     /// The correction that the frame before got.
     pub fn correction(&self) -> Pose {
-        self.state.map_or([0.0; 4], |state| state.map(|channel| channel.place - channel.camera))
+        if self.begun { std::array::from_fn(|c| self.channels[c].correction()) } else { [0.0; 4] }
     }
 
     /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`.
     pub fn step(&mut self, camera: Pose, interval_s: f64, room: &Room) -> Pose {
-        let Some(state) = &mut self.state else {
-            let at = |camera| Channel {
-                camera,
-                place: camera,
-                inner: camera,
-                speed: 0.0,
-                drive: adaptive::Drive::at(camera),
-                filter: iir::LowPass { input: camera, output: camera, speed: 0.0 },
-                gain: 1.0,
-            };
-            self.state = Some(camera.map(at));
+        if !self.begun {
+            self.begun = true;
+            for (channel, camera) in self.channels.iter_mut().zip(camera) {
+                channel.follow(camera);
+            }
             return camera;
-        };
+        }
         let interval_s = interval_s.clamp(0.0, 10.0);
-        let steps = (interval_s / STEP_S).ceil().max(1.0);
-        let h = interval_s / steps;
-        let before = state.map(|channel| channel.camera);
-        let slope: Pose = std::array::from_fn(|c| if interval_s > 0.0 { (camera[c] - before[c]) / interval_s } else { 0.0 });
-        for k in 1..=steps as usize {
-            let goal = self.params.strength.clamp(0.0, 1.0);
-            self.strength += (goal - self.strength).clamp(-h / STRENGTH_S, h / STRENGTH_S);
-            for c in ORDER {
-                let half = room.half()[c] * share(c) * self.strength;
-                let now = before[c] + slope[c] * h * k as f64;
-                let edges = allowed(room, c, state, self.strength, Rows::Still);
-                state[c].step(&self.params, now, slope[c], half, edges, h);
-            }
-        }
+        let goal = self.params.strength.clamp(0.0, 1.0);
+        self.strength += (goal - self.strength).clamp(-interval_s / STRENGTH_S, interval_s / STRENGTH_S);
         for c in ORDER {
-            state[c].camera = camera[c];
-            let [low, high] = allowed(room, c, state, self.strength, Rows::Moving);
-            let channel = &mut state[c];
-            let held = camera[c] + (channel.place - camera[c]).clamp(low, high);
-            channel.speed += HARD_LASTS * channel.drive.wanting() * (held - channel.place) / HARD_S;
-            channel.inner += (held - channel.place) * channel.drive.wanting();
-            channel.place = held;
-            channel.hold_back();
+            let half = room.half()[c] * SHARE[c] * self.strength;
+            if !half.is_finite() || half <= 0.0 {
+                // a channel that moves nothing, or no window at all
+                self.channels[c].follow(camera[c]);
+                continue;
+            }
+            let later = self.allowed(room, c, Rows::Still);
+            let before = std::mem::replace(&mut self.channels[c].camera, camera[c]);
+            let now = self.allowed(room, c, Rows::Moving);
+            let channel = &mut self.channels[c];
+            if interval_s > 0.0 {
+                match self.params.mode {
+                    Mode::Adaptive => channel.drive(&self.tuning, interval_s, half, now, later),
+                    Mode::Iir => channel.filter(self.params.cutoff_hz, before, interval_s, later),
+                }
+            }
+            let held = channel.camera + channel.correction().clamp(now[0], now[1]);
+            channel.slip(held - channel.place);
         }
-        // the channels were set back one by one, each for what the others were: together they may still be too much
-        let reach = room.reach(&state.map(|channel| channel.place - channel.camera));
+        // the channels were held back one by one, each for what the others were: together they may still be too much
+        let reach = room.reach(&self.correction());
         if reach > 1.0 - 0.5 * SPARE {
-            for channel in state.iter_mut() {
-                channel.place = channel.camera + (channel.place - channel.camera) * (1.0 - SPARE) / reach;
+            for channel in &mut self.channels {
+                channel.slip(channel.correction() * ((1.0 - SPARE) / reach - 1.0));
             }
         }
-        state.map(|channel| channel.place)
+        std::array::from_fn(|c| self.channels[c].place)
     }
-}
 
-/// The part of the window that channel `c` may take.
-fn share(c: usize) -> f64 {
-    [1.0, 1.0, ROLL, 0.25][c]
-}
-
-/// The least and the most that channel `c` may correct, the others as they are.
-fn allowed(room: &Room, c: usize, state: &[Channel; 4], strength: f64, rows: Rows) -> [f64; 2] {
-    let mut correction = state.map(|channel| channel.place - channel.camera);
-    if share(c) < 1.0 {
-        (correction[0], correction[1]) = (0.0, 0.0);
+    /// The least and the most that channel `c` may correct, the others as they are.
+    fn allowed(&self, room: &Room, c: usize, rows: Rows) -> [f64; 2] {
+        let mut correction = self.correction();
+        if SHARE[c] < 1.0 {
+            (correction[0], correction[1]) = (0.0, 0.0);
+        }
+        let whole = self.strength * (1.0 - SPARE);
+        let most = if SHARE[c] < 1.0 { SHARE[c] * room.half()[c] } else { f64::INFINITY };
+        let [low, high] = room.of(c, &correction, rows);
+        [low.max(-most) * whole, high.min(most) * whole]
     }
-    let whole = strength * (1.0 - SPARE);
-    let most = if share(c) < 1.0 { share(c) * room.half()[c] } else { f64::INFINITY };
-    let [low, high] = room.of(c, &correction, rows);
-    [low.max(-most) * whole, high.min(most) * whole]
 }
 
 impl Channel {
-    /// `h` seconds in which the camera came to `camera` at `slope` units / second; `half` is half of the window, `window` what
-    /// the correction may be.
-    fn step(&mut self, params: &Params, camera: f64, slope: f64, half: f64, window: [f64; 2], h: f64) {
-        let from = self.inner;
-        if !half.is_finite() || half <= 0.0 {
-            // a channel that moves nothing, or no window at all
-            (self.camera, self.place, self.inner, self.speed) = (camera, camera, camera, 0.0);
-            self.drive = adaptive::Drive::at(camera);
-            self.filter = iir::LowPass { input: camera, output: camera, speed: 0.0 };
-            return;
-        }
-        match params.mode {
-            Mode::Adaptive => {
-                let wide = self.drive.wanting();
-                [self.inner, self.speed] = self.drive.step([self.inner, self.speed], camera, half * wide, h);
-                self.camera = camera;
-                let driven = self.inner;
-                self.push(slope, window.map(|edge| edge * wide), h);
-                self.drive.went(self.inner - from, self.inner - driven, half * wide, h);
-                self.place = camera + (self.inner - camera) / wide;
-                self.filter = iir::LowPass { input: camera, output: self.place, speed: self.speed };
-            }
-            Mode::Iir => {
-                self.filter = self.filter.after(TAU * params.cutoff_hz, camera, h);
-                self.camera = camera;
-                let wanted = self.filter.output - camera;
-                let edge = if wanted < 0.0 { -window[0] } else { window[1] };
-                self.gain = iir::gain(self.gain, wanted.abs(), edge, h);
-                self.place = camera + self.gain * wanted;
-                self.drive = adaptive::Drive::at(camera);
-                self.inner = self.place;
-            }
+    fn correction(&self) -> f64 {
+        self.place - self.camera
+    }
+
+    /// To where the camera is.
+    fn follow(&mut self, camera: f64) {
+        (self.camera, self.place, self.gain, self.driven) = (camera, camera, 1.0, false);
+        self.filter = iir::LowPass { input: camera, output: camera, speed: 0.0 };
+    }
+
+    /// The place is held back by `slip`.
+    fn slip(&mut self, slip: f64) {
+        self.place += slip;
+        if self.driven {
+            self.drive.slipped(slip, self.camera);
         }
     }
 
-    /// What the window's edges do.
-    fn push(&mut self, slope: f64, [low, high]: [f64; 2], h: f64) {
-        let least = (self.camera + SOFT * low - self.inner) / SOFT_AHEAD_S;
-        let most = (self.camera + SOFT * high - self.inner) / SOFT_AHEAD_S;
-        let push = (self.speed.max(least).min(most) - self.speed) * (1.0 - (-h / SOFT_S).exp());
-        self.speed += SOFT_LASTS * push;
-        self.inner += push * h;
-        let correction = self.inner - self.camera;
-        let outwards = slope - self.speed;
-        if outwards * correction < 0.0 {
-            let edge = if correction < 0.0 { low } else { high };
-            let use_ = if edge == 0.0 { 1.0 } else { correction / edge };
-            let firm = adaptive::smooth((use_ - FIRM) / (1.0 - FIRM));
-            // no farther than back to where its edge begins
-            let most = correction.abs() - FIRM * edge.abs();
-            let way = (firm * outwards * h).clamp(-most.max(0.0), most.max(0.0));
-            self.inner += way;
-            self.speed += FIRM_LASTS * way;
+    fn drive(&mut self, tuning: &Tuning, interval_s: f64, half: f64, now: [f64; 2], later: [f64; 2]) {
+        if !self.driven {
+            self.drive.begin(tuning, self.camera, self.place, interval_s, half);
+            self.driven = true;
         }
-        self.hold_back();
+        self.place = self.drive.step(tuning, self.camera, interval_s, half, now, later.map(|edge| tuning.later * edge));
+        self.filter = iir::LowPass { input: self.camera, output: self.place, speed: 0.0 };
+        self.gain = 1.0;
     }
 
-    /// However hard the edges pushed, the camera may stop now: no speed that would carry past it before it is braked.
-    fn hold_back(&mut self) {
-        let way = self.camera - self.inner;
-        if self.speed * way > 0.0 {
-            self.speed = self.speed.clamp(-way.abs() / CATCH_UP_S, way.abs() / CATCH_UP_S);
+    fn filter(&mut self, cutoff_hz: f64, before: f64, interval_s: f64, [low, high]: [f64; 2]) {
+        let steps = (interval_s / STEP_S).ceil().max(1.0);
+        let h = interval_s / steps;
+        for k in 1..=steps as usize {
+            let camera = before + (self.camera - before) * k as f64 / steps;
+            self.filter = self.filter.after(TAU * cutoff_hz, camera, h);
+            let wanted = self.filter.output - camera;
+            self.gain = iir::gain(self.gain, wanted.abs(), if wanted < 0.0 { -low } else { high }, h);
+            self.place = camera + self.gain * wanted;
         }
+        self.driven = false;
     }
 }
 

@@ -50,7 +50,7 @@ fn lattice(sampling: Sampling, siting: Siting, plane: usize) -> ([f64; 2], [f64;
 /// The largest distance, in luma pixels along one axis, between where a sample was taken and where `map` says; of each plane. The
 /// first and last rows, as many as a cell is high, are left out: see [`the_rows_at_the_edge_are_off_by_little_more`].
 fn worst(map: &OutputMap, sampling: Sampling, siting: Siting, input: [usize; 2], output: [usize; 2]) -> [f64; 3] {
-    let cell = CELL[1] as f64 * (input[0] as f64 / output[0] as f64).max(input[1] as f64 / output[1] as f64);
+    let cell = 8.0 * (input[0] as f64 / output[0] as f64).max(input[1] as f64 / output[1] as f64);
     worst_within(cell + 2.0, map, sampling, siting, input, output)
 }
 
@@ -151,7 +151,7 @@ fn the_mesh_is_off_by_less_than_a_twentieth_of_a_pixel() {
 }
 
 /// Outside the picture no row moves on, so the map bends at its edge, and the cells there are off by up to
-/// `CELL[1] / 4 * motion of a row`.
+/// the cell's height / 4 * motion of a row.
 #[test]
 fn the_rows_at_the_edge_are_off_by_little_more() {
     let size = [640, 480];

@@ -1,5 +1,8 @@
 //! Halving a plane: the pyramid's one pixel loop.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+
 use super::{Level, dispatch};
 use crate::image::{PlaneMut, PlaneRef};
 
@@ -9,19 +12,40 @@ const BLOCK: usize = 256;
 /// Halves `from` into `to` (width and height halved, rounded down), by the separable filter (1 3 3 1) / 8 between pairs of
 /// samples, edges repeated. The centre of output pixel (x, y) is input point (2x + 0.5, 2y + 0.5).
 pub fn halve(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>) {
-    dispatch!(level, halve_body(from: PlaneRef<'_>, to: PlaneMut<'_>))
+    let mut to = to;
+    let size = [(from.width() / 2).min(to.width()), (from.height() / 2).min(to.height())];
+    #[cfg(target_arch = "x86_64")]
+    if level.has_avx2() {
+        // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
+        let columns = unsafe { avx2::inner(from, &mut to) };
+        if columns > 1 {
+            let rest = [
+                [0, 0, size[0], 1],
+                [0, 1, 1, size[1] - 1],
+                [columns, 1, size[0], size[1] - 1],
+                [0, size[1] - 1, size[0], size[1]],
+            ];
+            rest.into_iter().for_each(|part| halve_part(level, from, to.reborrow(), part));
+            return;
+        }
+    }
+    halve_part(level, from, to, [0, 0, size[0], size[1]]);
+}
+
+/// Halves a part of the plane: output columns and rows from the first two numbers on to before the others.
+fn halve_part(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>, part: [usize; 4]) {
+    dispatch!(level, halve_body(from: PlaneRef<'_>, to: PlaneMut<'_>, part: [usize; 4]))
 }
 
 #[inline(always)]
-fn halve_body(from: PlaneRef<'_>, mut to: PlaneMut<'_>) {
+fn halve_body(from: PlaneRef<'_>, mut to: PlaneMut<'_>, [left, top, right, bottom]: [usize; 4]) {
     let (width, height) = (from.width(), from.height());
-    let (half_width, half_height) = ((width / 2).min(to.width()), (height / 2).min(to.height()));
     let mut sums = [0u16; 2 * BLOCK + 2];
-    for y in 0..half_height {
+    for y in top..bottom {
         let rows = [(2 * y).saturating_sub(1), 2 * y, 2 * y + 1, (2 * y + 2).min(height - 1)].map(|y| from.row(y));
         let out = to.row_mut(y);
-        for start in (0..half_width).step_by(BLOCK) {
-            let count = BLOCK.min(half_width - start);
+        for start in (left..right).step_by(BLOCK) {
+            let count = BLOCK.min(right - start);
             // sums[i] is the vertical sum of input column 2 * start - 1 + i
             let first = 2 * start;
             let last = (first + 2 * count + 1).min(width);
@@ -64,7 +88,8 @@ mod tests {
 
     #[test]
     fn agrees_with_the_definition_on_odd_sizes() {
-        for (w, h) in [(2, 2), (3, 5), (17, 9), (514, 7), (1031, 4), (513, 3)] {
+        for (w, h) in [(2, 2), (3, 5), (17, 9), (36, 6), (37, 8), (68, 7), (514, 7), (1031, 4), (513, 3), (1100, 9), (2111, 11)]
+        {
             let mut from = Plane::<u8>::new(w, h);
             for (i, s) in from.samples_mut().iter_mut().enumerate() {
                 *s = (i.wrapping_mul(2_654_435_761) >> 13) as u8;

@@ -1,0 +1,128 @@
+//! One case: so many frames of a size and a format through the pipeline, on the caller's thread.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::{Exit, Failure};
+use crate::device::FrameSource;
+use crate::device::rehearsal::{Rehearsal, RehearsalSink};
+use crate::device::synthetic;
+use crate::frame::{Frame, Stage};
+use crate::image::{PictureRef, PixelFormat};
+use crate::pipeline::{Observer, Params, Totals, run_inline};
+use crate::report::{Histogram, Stats};
+use crate::rt::stop::Stop;
+
+/// Frames that are not counted: memory is taken, the model finds the camera out.
+const WARM: u64 = 30;
+
+/// What was measured.
+#[derive(Debug)]
+pub struct Measured {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// What the camera gave.
+    pub pixel: PixelFormat,
+    /// Times of the stages.
+    pub stats: Stats,
+    /// Times of the frames without unpacking.
+    pub carried: Histogram,
+    /// What became of all frames.
+    pub totals: Totals,
+    /// A plain copy of the 4:2:0 picture in the same run, median, nanoseconds.
+    pub copy_ns: u64,
+}
+
+impl Measured {
+    /// A frame without unpacking, in copies of its picture (medians).
+    pub fn copies(&self) -> f64 {
+        self.carried.quantile(0.5) as f64 / self.copy_ns.max(1) as f64
+    }
+
+    /// Everything as JSON, times in milliseconds.
+    pub fn json(&self) -> Value {
+        let ms = |ns: u64| ns as f64 * 1e-6;
+        json!({
+            "width": self.size[0],
+            "height": self.size[1],
+            "input": self.pixel.to_string(),
+            "output": OUTPUT.to_string(),
+            "copy_ms": ms(self.copy_ns),
+            "without_unpack": {
+                "median_ms": ms(self.carried.quantile(0.5)),
+                "p99_ms": ms(self.carried.quantile(0.99)),
+                "max_ms": ms(self.carried.max()),
+                "copies": self.copies(),
+            },
+            "times": self.stats.json(&self.totals),
+        })
+    }
+}
+
+/// What leaves: the format that every call app takes.
+const OUTPUT: PixelFormat = PixelFormat::Yuyv;
+
+struct Watching {
+    stats: Stats,
+    carried: Histogram,
+    seen: u64,
+    until: Option<Instant>,
+    stop: Stop,
+}
+
+impl Observer for Watching {
+    fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
+
+    fn sent(&mut self, frame: &Frame) {
+        self.seen += 1;
+        if self.seen > WARM {
+            self.stats.sent(frame);
+            let spent = &frame.context.spent_ns;
+            self.carried.add(spent.iter().sum::<u64>() - spent[Stage::Unpack as usize]);
+        }
+        if self.seen > WARM + 2 && self.until.is_some_and(|until| Instant::now() >= until) {
+            self.stop.set();
+        }
+    }
+}
+
+/// Measures `frames` frames, or as many as there is time for (`most`; it counts what making the frames takes too).
+///
+/// # Errors
+/// Where the synthetic camera cannot be made so.
+pub fn measure(
+    params: &Params,
+    size: [u32; 2],
+    pixel: PixelFormat,
+    frames: u64,
+    most: Option<Duration>,
+    stop: &Stop,
+) -> Result<Measured, Failure> {
+    let until = most.map(|most| Instant::now() + most);
+    let camera = synthetic::Params { width: size[0], height: size[1], frames: WARM + frames, ..synthetic::Params::default() };
+    let mut source = Rehearsal::new(&camera, pixel).map_err(|what| Failure::new(Exit::Usage, what))?;
+    let mut sink = RehearsalSink::new(&source.format(), OUTPUT);
+    // its own: what ends this case early does not end the whole
+    let over = Stop::default();
+    let mut watching = Watching { stats: Stats::default(), carried: Histogram::default(), seen: 0, until, stop: over.clone() };
+    let totals = run_inline(&mut Until { source: &mut source, stop }, &mut sink, params, &over, &mut watching)?;
+    let Watching { stats, carried, .. } = watching;
+    Ok(Measured { size, pixel, stats, carried, totals, copy_ns: source.copy_ns() })
+}
+
+/// A source that ends when the user says so.
+struct Until<'a> {
+    source: &'a mut Rehearsal,
+    stop: &'a Stop,
+}
+
+impl FrameSource for Until<'_> {
+    fn format(&self) -> crate::device::StreamFormat {
+        self.source.format()
+    }
+
+    fn lend(&mut self) -> Result<crate::device::Lent<'_>, crate::device::DeviceError> {
+        if self.stop.is_set() { Ok(crate::device::Lent::End) } else { self.source.lend() }
+    }
+}

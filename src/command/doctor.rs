@@ -1,0 +1,302 @@
+//! `gimbald doctor`: what keeps gimbald from working here, or from working well, and the command that mends it.
+
+mod finding;
+mod machine;
+mod service;
+
+use std::path::{Path, PathBuf};
+
+use super::say::say;
+use super::settings::text_of;
+use super::talk::Whom;
+use super::{Exit, Failure};
+use crate::config::Settings;
+use crate::control::Status;
+use crate::device::DeviceError;
+use crate::device::v4l2::{DeviceInfo, Direction, devices, find};
+use crate::kernel::Level;
+use finding::{Finding, Severity};
+use machine::{Holder, Machine};
+
+/// The configuration of the service.
+const CONFIG: &str = "/etc/gimbald.toml";
+/// What loads the module as gimbald wants it.
+const LOAD: &str = "sudo modprobe v4l2loopback exclusive_caps=1 max_buffers=8 card_label=gimbald";
+/// The driver's name of a loopback.
+const LOOPBACK: &str = "v4l2 loopback";
+/// Buffers below which a slow reader's picture is overwritten while it reads.
+const ENOUGH_BUFFERS: u32 = 4;
+
+/// Arguments of `doctor`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    whom: Whom,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// With the exit code of the worst finding; all are told before.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let machine = Machine::at(Path::new("/"));
+    let (unit, path) = match &args.whom.instance {
+        Some(name) => (format!("gimbald@{name}"), PathBuf::from(format!("/etc/gimbald/{name}.toml"))),
+        None => ("gimbald".into(), args.whom.config.clone().unwrap_or_else(|| CONFIG.into())),
+    };
+    let (configured, settings) = configuration(&path, args.whom.config.is_some());
+    let mut findings = vec![configured, processor()];
+    findings.extend(module(&machine));
+    let (daemon, status) = service::asked(&args.whom);
+    let known = devices();
+    findings.extend(output(&machine, &settings, &known, status.as_ref()));
+    findings.extend(camera(&machine, &settings, &known, status.as_ref()));
+    findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
+    findings.push(daemon);
+    if args.json {
+        let text = serde_json::to_string_pretty(&findings);
+        say(&(text.map_err(|error| Failure::new(Exit::Io, format!("cannot write JSON: {error}")))? + "\n"))?;
+    } else {
+        say(&findings.iter().map(ToString::to_string).collect::<String>())?;
+    }
+    ended(&findings)
+}
+
+/// The end that the worst finding makes.
+fn ended(findings: &[Finding]) -> Result<(), Failure> {
+    let worst = findings.iter().map(|finding| finding.severity).max().unwrap_or(Severity::Good);
+    let count = findings.iter().filter(|finding| finding.severity >= Severity::Advice).count();
+    let exit = match worst {
+        Severity::Good | Severity::Note => return Ok(()),
+        Severity::Advice => Exit::Advised,
+        Severity::Fault => Exit::Unavailable,
+        Severity::Config => Exit::Config,
+    };
+    Err(Failure::new(exit, format!("{count} of {} findings should be looked at: see the arrows above", findings.len())))
+}
+
+/// The settings, where they are right, else the defaults.
+fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
+    let shown = path.display();
+    if !asked && !path.exists() {
+        let what = format!("{shown} is not there: every key has its default");
+        return (Finding::note("config", what), Settings::default());
+    }
+    let read = text_of(path).and_then(|text| Ok(Settings::read(Some((&path.to_string_lossy(), &text)), &[])?));
+    match read {
+        Ok(settings) => (Finding::good("config", format!("{shown} is right")), settings),
+        Err(failure) => {
+            let mend = format!("correct it, then: gimbald check {shown}");
+            (Finding { severity: Severity::Config, ..Finding::fault("config", failure.message, mend) }, Settings::default())
+        }
+    }
+}
+
+fn processor() -> Finding {
+    let (level, best) = (Level::detected(), Level::best());
+    if level < best {
+        let what = format!("{}={} leaves {} unused", crate::kernel::LEVEL_VARIABLE, level.name(), best.name());
+        return Finding::advice("processor", what, format!("unset {}", crate::kernel::LEVEL_VARIABLE));
+    }
+    if best == Level::SCALAR {
+        return Finding::note("processor", "has no AVX2: choose 640x480 or fewer frames where the picture stutters");
+    }
+    Finding::good("processor", format!("{} is used", best.name()))
+}
+
+fn module(machine: &Machine) -> Vec<Finding> {
+    let Some(version) = machine.loopback_version() else {
+        return vec![if machine.has_loopback_module() {
+            Finding::fault("module", "v4l2loopback is installed, but not loaded", LOAD)
+        } else {
+            let install = "sudo apt-get install v4l2loopback-dkms linux-headers-$(uname -r)";
+            Finding::fault("module", "v4l2loopback is not installed for the kernel that runs", format!("{install} && {LOAD}"))
+        }];
+    };
+    let mut findings = vec![Finding::good("module", format!("v4l2loopback {version} is loaded"))];
+    let numbers: Vec<u32> = version.split('.').map_while(|part| part.parse().ok()).collect();
+    if numbers.len() >= 2 && numbers[..2] < [0, 13][..] {
+        let what = "before version 0.13 v4l2loopback does not tell who watches: whoever holds the device open counts";
+        findings.push(Finding::note("module", what));
+    }
+    let buffers = machine.loopback_parameter("max_buffers").and_then(|count| count.parse::<u32>().ok());
+    if let Some(buffers) = buffers.filter(|buffers| *buffers < ENOUGH_BUFFERS) {
+        let what = format!("max_buffers={buffers}: a reader that is slow may see a picture that is being overwritten");
+        findings.push(Finding::advice("module", what, reload_module()));
+    }
+    findings
+}
+
+/// What loads the module anew; whoever uses it has to let go.
+fn reload_module() -> String {
+    format!(
+        "close all programs that use it, then: sudo systemctl stop gimbald; sudo modprobe -r v4l2loopback && {LOAD}; sudo systemctl start gimbald"
+    )
+}
+
+/// The path that a setting means, and what is known of it; or why it means none.
+fn meant<'a>(
+    about: &'static str,
+    device: &str,
+    direction: Direction,
+    known: &'a [DeviceInfo],
+) -> Result<(PathBuf, Option<&'a DeviceInfo>), Finding> {
+    let path = find(device, direction).map_err(|error| {
+        let mend = match (direction, known.iter().any(|info| info.driver == LOOPBACK)) {
+            (Direction::Output, false) => LOAD.to_owned(),
+            (Direction::Output, true) => "gimbald devices lists them; correct output.device".to_owned(),
+            (Direction::Capture, _) => "plug it in; gimbald devices lists them; correct camera.device".to_owned(),
+        };
+        Finding::fault(about, error.to_string(), mend)
+    })?;
+    let path = path.canonicalize().unwrap_or(path);
+    let info = known.iter().find(|info| info.path == path);
+    Ok((path, info))
+}
+
+/// What is wrong with opening a device, if anything.
+fn unopened(about: &'static str, path: &Path, info: Option<&DeviceInfo>) -> Option<Finding> {
+    let Some(info) = info else {
+        return Some(Finding::fault(about, format!("{} is not there", path.display()), "gimbald devices lists those that are"));
+    };
+    let problem = info.problem.as_ref()?;
+    let denied = matches!(problem, DeviceError::Io { source, .. } if source.kind() == std::io::ErrorKind::PermissionDenied);
+    Some(if denied {
+        let mend = "sudo usermod -aG video \"$USER\", then log in anew (the service has the group already)";
+        Finding::advice(about, format!("you may not open {}", path.display()), mend)
+    } else {
+        Finding::fault(about, problem.to_string(), "gimbald devices; dmesg | tail")
+    })
+}
+
+fn output(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: Option<&Status>) -> Vec<Finding> {
+    let (path, info) = match meant("output", &settings.output.device, Direction::Output, known) {
+        Ok(found) => found,
+        Err(_) if machine.loopback_version().is_none() => return Vec::new(),
+        Err(finding) => return vec![finding],
+    };
+    let shown = path.display();
+    if let Some(finding) = unopened("output", &path, info) {
+        return vec![finding];
+    }
+    let Some(info) = info else { return Vec::new() };
+    if info.driver != LOOPBACK {
+        let mend = "correct output.device; gimbald devices lists the loopbacks";
+        return vec![Finding::fault("output", format!("{shown} is no loopback, but {} ({})", info.card, info.driver), mend)];
+    }
+    let mut findings = Vec::new();
+    if info.capture && info.output {
+        let what = format!("{shown} ({}) has exclusive_caps=0: Chrome and others do not take it for a camera", info.card);
+        findings.push(Finding::advice("output", what, reload_module()));
+    } else {
+        findings.push(Finding::good("output", format!("{shown} ({}) has exclusive_caps", info.card)));
+    }
+    let (holders, all) = machine.holders(&path);
+    let daemon = status.map(|status| status.pid);
+    let others: Vec<String> = holders.iter().filter(|holder| Some(holder.pid) != daemon).map(named).collect();
+    if !others.is_empty() {
+        findings.push(Finding::note("output", format!("{shown} is open in {}", others.join(", "))));
+    }
+    if !all {
+        findings.push(Finding::note("output", "not every process could be looked at; sudo gimbald doctor sees all"));
+    }
+    findings.extend(agreement(machine.loopback_format(&path).as_deref(), settings, status, &others));
+    findings
+}
+
+/// Whether the format that the loopback has is the one that is wanted.
+fn agreement(held: Option<&str>, settings: &Settings, status: Option<&Status>, others: &[String]) -> Option<Finding> {
+    let held = held?;
+    let (code, size) = held.split_once(':')?;
+    let wanted = settings.output.format.to_string();
+    let agrees = code.eq_ignore_ascii_case(&wanted) || (wanted.eq_ignore_ascii_case("i420") && code == "YU12");
+    if agrees {
+        return Some(Finding::good("format", format!("the loopback has {code} {size}, as configured")));
+    }
+    let mend = if others.is_empty() && status.is_none() {
+        "v4l2-ctl -d DEVICE -c keep_format=0, or load the module anew".to_owned()
+    } else {
+        format!(
+            "close {}, then: sudo systemctl restart gimbald",
+            if others.is_empty() { "all readers".into() } else { others.join(", ") }
+        )
+    };
+    Some(Finding::advice("format", format!("the loopback has {code} {size}, but output.format is {wanted}: it is held"), mend))
+}
+
+fn camera(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: Option<&Status>) -> Vec<Finding> {
+    let (path, info) = match meant("camera", &settings.camera.device, Direction::Capture, known) {
+        Ok(found) => found,
+        Err(finding) => return vec![finding],
+    };
+    if let Some(finding) = unopened("camera", &path, info) {
+        return vec![finding];
+    }
+    let Some(info) = info else { return Vec::new() };
+    let mut findings = vec![Finding::good("camera", format!("{} ({})", path.display(), info.card))];
+    let (holders, _) = machine.holders(&path);
+    let daemon = status.map(|status| status.pid);
+    let others: Vec<String> =
+        holders.iter().filter(|holder| Some(holder.pid) != daemon && holder.name != "gimbald").map(named).collect();
+    if !others.is_empty() {
+        let what = format!("{} is open in {}: only one program can stream from it", path.display(), others.join(", "));
+        findings.push(Finding::advice("camera", what, "have them use the virtual camera, or close them"));
+    }
+    if info.formats.iter().all(|format| format.pixel.is_none()) {
+        let what = format!("{} gives no format that gimbald reads", path.display());
+        findings.push(Finding::fault("camera", what, "v4l2-ctl --list-formats-ext shows them; choose another camera"));
+    } else if let Some(format) = settings.camera.format.filter(|wanted| info.formats.iter().all(|f| f.pixel != Some(*wanted))) {
+        let what = format!("{} gives no {format}, which camera.format asks for", path.display());
+        findings.push(Finding::fault(
+            "camera",
+            what,
+            "gimbald devices lists its formats; camera.format = \"auto\" takes the best",
+        ));
+    }
+    findings
+}
+
+fn named(holder: &Holder) -> String {
+    format!("{} (process {})", holder.name, holder.pid)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_finding_ends_it() {
+        let good = Finding::good("a", "b");
+        let code = |findings: &[Finding]| ended(findings).map_err(|failure| failure.exit);
+        assert_eq!(code(&[good.clone(), Finding::note("a", "b")]), Ok(()));
+        let advice = Finding::advice("a", "b", "c");
+        assert_eq!(code(&[good.clone(), advice.clone(), good.clone()]), Err(Exit::Advised));
+        assert_eq!(code(&[Finding::fault("a", "b", "c"), advice.clone()]), Err(Exit::Unavailable));
+        let (wrong, _) = configuration(Path::new("/no/such/file.toml"), true);
+        assert_eq!(code(&[wrong, Finding::fault("a", "b", "c")]), Err(Exit::Config));
+        assert_eq!(configuration(Path::new("/no/such/file.toml"), false).0.severity, Severity::Note);
+    }
+
+    #[test]
+    fn formats_agree_or_not() {
+        let settings = Settings::default();
+        let judged = |held: Option<&str>, others: &[String]| agreement(held, &settings, None, others);
+        assert_eq!(judged(None, &[]), None);
+        assert_eq!(judged(Some("YUYV:640x480@30"), &[]).map(|finding| finding.severity), Some(Severity::Good));
+        let held = judged(Some("NV12:640x480@30"), &["obs (process 7)".into()]).unwrap();
+        assert!(held.severity == Severity::Advice && held.mend.contains("close obs"), "{held}");
+    }
+
+    #[test]
+    fn without_the_module_it_says_how_to_get_it() {
+        let nothing = Machine::at(Path::new("/no/such/root"));
+        let findings = module(&nothing);
+        assert!(findings.len() == 1 && findings[0].mend.contains("apt-get install v4l2loopback-dkms"), "{findings:?}");
+        assert_eq!(output(&nothing, &Settings::default(), &[], None).len(), 0, "said once");
+        let camera = camera(&nothing, &Settings::default(), &[], None);
+        assert!(camera.iter().all(|finding| finding.severity == Severity::Fault || finding.about == "camera"));
+    }
+}

@@ -1,0 +1,106 @@
+//! What systemd and the running daemon say.
+
+use std::process::Command;
+
+use super::finding::Finding;
+use crate::command::talk::Whom;
+use crate::control::Status;
+
+/// What `systemctl show` says of the unit, as it prints it.
+pub(super) fn shown(unit: &str) -> Option<String> {
+    let properties = "LoadState,ActiveState,SubState,UnitFileState,NRestarts,Result,StatusText";
+    let output = Command::new("systemctl").args(["show", unit, "--property", properties]).output().ok()?;
+    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// What that means.
+pub(super) fn judged(unit: &str, shown: Option<&str>) -> Finding {
+    let Some(shown) = shown else {
+        return Finding::note("service", "there is no systemd here; gimbald run --config FILE does the same in a terminal");
+    };
+    let of = |name: &str| {
+        let line = shown.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
+        line.unwrap_or_default().to_owned()
+    };
+    let (active, status) = (of("ActiveState"), of("StatusText"));
+    match (of("LoadState").as_str(), active.as_str()) {
+        ("not-found", _) => Finding::note("service", format!("{unit} is not installed; gimbald may run by hand")),
+        ("masked", _) => Finding::advice("service", format!("{unit} is masked"), format!("sudo systemctl unmask {unit}")),
+        (_, "active" | "reloading") => {
+            let restarts = of("NRestarts");
+            let often =
+                if restarts.is_empty() || restarts == "0" { String::new() } else { format!(", restarted {restarts} times") };
+            let what = format!("{unit} runs{often}: {status}");
+            if of("UnitFileState") == "disabled" {
+                let mend = format!("sudo systemctl enable {unit}");
+                return Finding::advice("service", format!("{what}; it does not start with the machine"), mend);
+            }
+            Finding::good("service", what)
+        }
+        (_, "activating") => Finding::note("service", format!("{unit} starts: {status}")),
+        (_, "failed") => {
+            let mend = format!("journalctl -u {unit} -n 30; when that is mended: sudo systemctl restart {unit}");
+            Finding::fault("service", format!("{unit} failed ({})", of("Result")), mend)
+        }
+        (load, active) => Finding::advice(
+            "service",
+            format!("{unit} does not run ({load}, {active})"),
+            format!("sudo systemctl enable --now {unit}"),
+        ),
+    }
+}
+
+/// What the daemon says of itself; with its status where it answers.
+pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
+    let answer = whom.connect().and_then(|mut connection| Ok(connection.ask("status")?));
+    let status = answer.map(|mut answer| serde_json::from_value::<Status>(answer["status"].take()));
+    match status {
+        Ok(Ok(status)) => {
+            let mut what = format!("answers: {}, {}", status.state, status.what);
+            if status.fps > 0.0 {
+                what += &format!(", {:.1} frames a second", status.fps);
+            }
+            let finding = match (status.restart.as_slice(), status.version.as_str()) {
+                (_, version) if version != env!("CARGO_PKG_VERSION") => {
+                    let what = format!("the daemon is version {version}, this program {}", env!("CARGO_PKG_VERSION"));
+                    Finding::advice("daemon", what, "sudo systemctl restart gimbald")
+                }
+                ([], _) => Finding::good("daemon", what),
+                (keys, _) => {
+                    let what = format!("{what}\nwaits for a restart to take {}", keys.join(", "));
+                    Finding::advice("daemon", what, "sudo systemctl restart gimbald")
+                }
+            };
+            (finding, Some(status))
+        }
+        Ok(Err(error)) => (Finding::note("daemon", format!("answers what this program does not know: {error}")), None),
+        Err(failure) => (Finding::note("daemon", failure.message), None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command::doctor::finding::Severity;
+
+    #[test]
+    fn each_state_has_its_judgement() {
+        let show = |load: &str, active: &str, file: &str, restarts: &str| {
+            format!("LoadState={load}\nActiveState={active}\nUnitFileState={file}\nNRestarts={restarts}\nStatusText=x to y\n")
+        };
+        for (shown, severity, words) in [
+            (Some(show("loaded", "active", "enabled", "0")), Severity::Good, "x to y"),
+            (Some(show("loaded", "active", "enabled", "3")), Severity::Good, "restarted 3 times"),
+            (Some(show("loaded", "active", "disabled", "0")), Severity::Advice, "systemctl enable g"),
+            (Some(show("loaded", "inactive", "disabled", "0")), Severity::Advice, "enable --now g"),
+            (Some(show("loaded", "failed", "enabled", "10")), Severity::Fault, "journalctl -u g"),
+            (Some(show("not-found", "inactive", "", "")), Severity::Note, "not installed"),
+            (Some(String::new()), Severity::Advice, "does not run"),
+            (None, Severity::Note, "no systemd"),
+        ] {
+            let finding = judged("g", shown.as_deref());
+            assert_eq!(finding.severity, severity, "{finding}");
+            assert!(finding.to_string().contains(words), "{words} in {finding}");
+        }
+    }
+}

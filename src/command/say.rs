@@ -1,0 +1,29 @@
+//! Words on standard output.
+
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+use super::Failure;
+
+/// Writes `text`. Nobody is left to be told that the reader (a `head`, a pager) has seen enough: that is no failure.
+///
+/// # Errors
+/// Where standard output cannot be written otherwise.
+pub(super) fn say(text: &str) -> Result<(), Failure> {
+    told(write(&mut io::stdout().lock(), text))
+}
+
+fn write(to: &mut dyn Write, text: &str) -> io::Result<()> {
+    to.write_all(text.as_bytes()).and_then(|()| to.flush())
+}
+
+/// What came of writing to standard output.
+///
+/// # Errors
+/// As [`say`].
+pub(super) fn told(written: io::Result<()>) -> Result<(), Failure> {
+    match written {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written.map_err(|error| Failure::writing(Path::new("standard output"), &error)),
+    }
+}

@@ -1,0 +1,41 @@
+//! What the service does on signals: SIGTERM and Ctrl-C end it, SIGHUP has it read its configuration anew.
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::{Handle, Signals as Caught};
+
+use super::{Exit, Failure};
+use crate::rt::stop::Stop;
+use crate::rt::wake::Wake;
+
+/// The signals, caught.
+pub(super) struct Signals(Caught);
+
+impl Signals {
+    /// Catches them from now on.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub(super) fn catch() -> Result<Self, Failure> {
+        let caught = Caught::new([SIGHUP, SIGINT, SIGTERM]);
+        caught.map(Self).map_err(|error| Failure::new(Exit::Io, format!("cannot listen for signals: {error}")))
+    }
+
+    /// What ends [`Signals::listen`].
+    pub(super) fn handle(&self) -> Handle {
+        self.0.handle()
+    }
+
+    /// Listens until the handle is closed. The first wish to end sets `stop` and rings `wake`; the second ends the process.
+    pub(super) fn listen(&mut self, stop: &Stop, wake: &Wake, reload: impl Fn()) {
+        for signal in self.0.forever() {
+            match signal {
+                SIGHUP => reload(),
+                _ if stop.is_set() => std::process::exit(Exit::Interrupted.code().into()),
+                _ => {
+                    stop.set();
+                    wake.ring();
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! `gimbald status`, `on`, `off`, `set`, `reload`: talks to a daemon that runs.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::say::say;
+use super::settings::text_of;
+use super::{Exit, Failure};
+use crate::config::Settings;
+use crate::control::{Applied, ClientError, Connection, Status, default_paths};
+
+/// Which daemon is meant.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Whom {
+    /// The service gimbald@NAME
+    #[arg(short, long, value_name = "NAME", conflicts_with_all = ["socket", "config"])]
+    pub instance: Option<String>,
+    /// The daemon that listens on this socket
+    #[arg(long, value_name = "PATH", conflicts_with = "config")]
+    pub socket: Option<PathBuf>,
+    /// The daemon that has this configuration file
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// Arguments of `status`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct StatusArgs {
+    #[command(flatten)]
+    whom: Whom,
+    /// As JSON, on one line
+    #[arg(long, conflicts_with = "prometheus")]
+    json: bool,
+    /// As metrics for Prometheus
+    #[arg(long)]
+    prometheus: bool,
+    /// Again and again, every so many seconds (1), until Ctrl-C
+    #[arg(short, long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", require_equals = true,
+        value_parser = seconds)]
+    watch: Option<f64>,
+}
+
+/// Arguments of `on`, `off`, `reload`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    whom: Whom,
+}
+
+/// Arguments of `set`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct SetArgs {
+    /// What to change, as smooth.strength=0.5; lasts until the configuration is read anew
+    #[arg(value_name = "KEY=VALUE", required = true)]
+    assignments: Vec<String>,
+    #[command(flatten)]
+    whom: Whom,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let wrong = || "expected seconds from 0.1 to 3600".to_owned();
+    text.parse().ok().filter(|seconds| (0.1..=3600.0).contains(seconds)).ok_or_else(wrong)
+}
+
+impl Whom {
+    /// Sockets to try, in order: at the first where somebody listens, one is right.
+    fn sockets(&self) -> Result<Vec<PathBuf>, Failure> {
+        if let Some(socket) = &self.socket {
+            return Ok(vec![socket.clone()]);
+        }
+        if let Some(instance) = &self.instance {
+            // A name that would lead elsewhere is none.
+            let fits = !instance.is_empty() && instance.chars().all(|c| c.is_ascii_alphanumeric() || "-_.:\\".contains(c));
+            let wrong = || Failure::new(Exit::Usage, format!("{instance:?}: no name of a service gimbald@NAME"));
+            return if fits { Ok(default_paths(Some(instance))) } else { Err(wrong()) };
+        }
+        let Some(path) = &self.config else { return Ok(default_paths(None)) };
+        let settings = Settings::read(Some((&path.to_string_lossy(), &text_of(path)?)), &[])?;
+        match settings.control.socket.as_str() {
+            "auto" => Ok(default_paths(instance_of(path).as_deref())),
+            "off" => {
+                let what = format!("{}: control.socket is \"off\": this daemon cannot be talked to", path.display());
+                Err(Failure::new(Exit::Unavailable, what))
+            }
+            socket => Ok(vec![PathBuf::from(socket)]),
+        }
+    }
+
+    /// Connects.
+    pub(super) fn connect(&self) -> Result<Connection, Failure> {
+        let mut first = None;
+        for path in self.sockets()? {
+            match Connection::open(&path) {
+                Ok(connection) => return Ok(connection),
+                Err(ClientError::Nobody { .. }) if first.is_some() => {}
+                Err(error @ ClientError::Nobody { .. }) => first = Some(error),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        let mut failure = first.map_or_else(|| Failure::new(Exit::Unavailable, "nobody to talk to"), Failure::from);
+        let others = if self.socket.is_none() { instances() } else { Vec::new() };
+        failure.message += &match others.as_slice() {
+            [] => "; is it running? (systemctl status gimbald, or gimbald run in a terminal)".to_owned(),
+            others => format!("; there is --instance {}", others.join(", --instance ")),
+        };
+        Err(failure)
+    }
+}
+
+/// The instance whose configuration a path is: /etc/gimbald/NAME.toml.
+fn instance_of(path: &std::path::Path) -> Option<String> {
+    let of_instances = path.parent().is_some_and(|parent| parent == std::path::Path::new("/etc/gimbald"));
+    path.file_stem().filter(|_| of_instances).map(|name| name.to_string_lossy().into_owned())
+}
+
+/// Services gimbald@NAME that run.
+fn instances() -> Vec<String> {
+    let entries = std::fs::read_dir("/run").into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().to_str()?.strip_prefix("gimbald-").map(str::to_owned));
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+impl From<ClientError> for Failure {
+    fn from(error: ClientError) -> Self {
+        let exit = match &error {
+            ClientError::Refused(_) => Exit::Config,
+            _ => Exit::Unavailable,
+        };
+        Self::new(exit, error.to_string())
+    }
+}
+
+/// Runs `status`.
+///
+/// # Errors
+/// Where no daemon answers.
+pub fn status(args: &StatusArgs) -> Result<(), Failure> {
+    let mut connection = args.whom.connect()?;
+    loop {
+        let text = told(args, &mut connection)?;
+        // A terminal shows it in place; a file gets one after the other.
+        let in_place = args.watch.is_some() && !args.json && std::io::stdout().is_terminal();
+        say(&if in_place { format!("\u{1b}[H\u{1b}[J{text}") } else { text })?;
+        let Some(pause) = args.watch else { return Ok(()) };
+        if std::io::stdout().is_terminal() || !reader_is_gone() {
+            sleep(Duration::from_secs_f64(pause));
+        } else {
+            return Ok(());
+        }
+    }
+}
+
+/// Whether standard output is a pipe that nobody reads any more.
+fn reader_is_gone() -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    let out = std::io::stdout();
+    let mut fds = [PollFd::new(&out, PollFlags::OUT)];
+    let _ = poll(&mut fds, Some(&Timespec::default()));
+    fds[0].revents().contains(PollFlags::ERR)
+}
+
+fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failure> {
+    if args.prometheus {
+        let answer = connection.ask("prometheus")?;
+        return Ok(answer["text"].as_str().unwrap_or_default().to_owned());
+    }
+    let status = connection.ask("status")?["status"].take();
+    if args.json {
+        return Ok(format!("{status}\n"));
+    }
+    let status: Status = understood(status)?;
+    Ok(status.to_string())
+}
+
+fn understood<T: serde::de::DeserializeOwned>(value: Value) -> Result<T, Failure> {
+    serde_json::from_value(value)
+        .map_err(|error| Failure::new(Exit::BadData, format!("gimbald answers what this program does not know: {error}")))
+}
+
+/// Runs `on` (true) or `off`.
+///
+/// # Errors
+/// Where no daemon answers.
+pub fn switch(args: &Args, on: bool) -> Result<(), Failure> {
+    let answer = args.whom.connect()?.ask(if on { "on" } else { "off" })?;
+    let applied: Applied = understood(answer)?;
+    let state = if on { "on" } else { "off" };
+    say(&if applied.changed.is_empty() { format!("was {state} already\n") } else { format!("{state}\n") })
+}
+
+/// Runs `set`.
+///
+/// # Errors
+/// Where no daemon answers, and where it refuses one; those before it are set.
+pub fn set(args: &SetArgs) -> Result<(), Failure> {
+    let mut connection = args.whom.connect()?;
+    for assignment in &args.assignments {
+        let applied: Applied = understood(connection.ask(&format!("set {assignment}"))?)?;
+        let what = if applied.changed.is_empty() { "is so already" } else { "set" };
+        say(&format!("{}: {what}\n", assignment.trim()))?;
+    }
+    Ok(())
+}
+
+/// Runs `reload`.
+///
+/// # Errors
+/// Where no daemon answers, and where the configuration is wrong: then nothing has changed.
+pub fn reload(args: &Args) -> Result<(), Failure> {
+    let applied: Applied = understood(args.whom.connect()?.ask("reload")?)?;
+    let mut text = match applied.changed.as_slice() {
+        [] => "read anew; nothing changed\n".to_owned(),
+        changed => format!("read anew; changed: {}\n", changed.join(", ")),
+    };
+    if !applied.restart.is_empty() {
+        text += &format!("these need a restart, their old values count until then: {}\n", applied.restart.join(", "));
+    }
+    say(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_to_sockets() {
+        let whom = |instance: &str| Whom { instance: Some(instance.into()), ..Whom::default() };
+        assert_eq!(whom("desk").sockets().unwrap()[0], PathBuf::from("/run/gimbald-desk/control.sock"));
+        assert!(whom("../../tmp/x").sockets().is_err());
+        assert_eq!(Whom::default().sockets().unwrap()[0], PathBuf::from("/run/gimbald/control.sock"));
+        assert_eq!(instance_of(std::path::Path::new("/etc/gimbald/desk.toml")).as_deref(), Some("desk"));
+        assert_eq!(instance_of(std::path::Path::new("/etc/gimbald.toml")), None);
+        assert_eq!((seconds("0.5"), seconds("nan").is_err(), seconds("0").is_err()), (Ok(0.5), true, true));
+    }
+}

@@ -1,0 +1,224 @@
+//! Where a daemon's settings lie while it runs, and who changes them.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Status, Tally};
+use crate::config::{Settings, keys};
+use crate::pipeline::Live;
+use crate::systemd::Systemd;
+
+/// Reads the configuration anew; the error says what is wrong with it.
+pub type Reread = Box<dyn Fn() -> Result<Settings, String> + Send + Sync>;
+
+/// What a daemon's threads share: settings, counts.
+pub struct Desk {
+    /// The settings and counts of the pipeline.
+    pub live: Live,
+    /// What is counted.
+    pub tally: Tally,
+    state: Mutex<State>,
+    reread: Reread,
+    systemd: Systemd,
+    ready: AtomicBool,
+}
+
+struct State {
+    /// What counts now.
+    settings: Settings,
+    /// Keys that have another value in the configuration.
+    restart: Vec<String>,
+}
+
+/// What came of a change of settings.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct Applied {
+    /// Keys that have a new value now.
+    pub changed: Vec<String>,
+    /// Keys whose new value needs a restart; the old one counts.
+    pub restart: Vec<String>,
+}
+
+impl std::fmt::Debug for Desk {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Desk").field("live", &self.live).field("tally", &self.tally).finish_non_exhaustive()
+    }
+}
+
+impl Desk {
+    /// A desk with the settings that a daemon begins with, and the way to read them anew.
+    pub fn new(settings: Settings, systemd: Systemd, reread: Reread) -> Self {
+        Self {
+            live: Live::new(&settings.pipeline),
+            tally: Tally::default(),
+            state: Mutex::new(State { settings, restart: Vec::new() }),
+            reread,
+            systemd,
+            ready: AtomicBool::new(false),
+        }
+    }
+
+    /// The settings that count now.
+    pub fn settings(&self) -> Settings {
+        self.state().settings.clone()
+    }
+
+    /// The service manager was told that the service is ready.
+    pub fn is_ready(&self) {
+        self.ready.store(true, Ordering::Relaxed);
+    }
+
+    /// Takes one `KEY=VALUE`. Lasts until the configuration is read anew.
+    ///
+    /// # Errors
+    /// Why it cannot be: not such a key, not such a value, a key that no running daemon can change. Nothing has changed then.
+    pub fn set(&self, assignment: &str) -> Result<Applied, String> {
+        let mut state = self.state();
+        let mut wanted = state.settings.clone();
+        wanted.set(assignment).map_err(|faults| {
+            let faults: Vec<String> = faults.0.iter().map(|fault| fault.bare()).collect();
+            faults.join("; ")
+        })?;
+        let stuck: Vec<&str> = wanted.differing(&state.settings).filter(|key| !key.live).map(|key| key.name).collect();
+        if !stuck.is_empty() {
+            let what = "cannot change while gimbald runs; write it into the configuration and restart gimbald";
+            return Err(format!("{}: {what}", stuck.join(", ")));
+        }
+        Ok(self.apply(&mut state, &wanted))
+    }
+
+    /// Reads the configuration anew and takes all of it that can change while gimbald runs; the service manager is told of both
+    /// ends.
+    ///
+    /// # Errors
+    /// What is wrong with the configuration; nothing has changed then.
+    pub fn reload(&self) -> Result<Applied, String> {
+        let ready = self.ready.load(Ordering::Relaxed);
+        if ready {
+            self.systemd.reloading();
+        }
+        let read = (self.reread)();
+        let done = read.map(|wanted| {
+            let mut state = self.state();
+            let applied = self.apply(&mut state, &wanted);
+            state.restart.clone_from(&applied.restart);
+            applied
+        });
+        match &done {
+            Ok(Applied { changed, restart }) => {
+                let listed = |keys: &[String]| if keys.is_empty() { "nothing".into() } else { keys.join(", ") };
+                tracing::info!("configuration read anew; changed: {}", listed(changed));
+                if !restart.is_empty() {
+                    tracing::warn!(
+                        "these need a restart of gimbald, their old values count until then: {}",
+                        restart.join(", ")
+                    );
+                }
+            }
+            Err(what) => tracing::error!("the configuration was not taken, all stays as it was: {what}"),
+        }
+        if ready {
+            self.systemd.ready();
+        }
+        done
+    }
+
+    /// Everything there is to tell.
+    pub fn status(&self) -> Status {
+        let mut status = Status { version: env!("CARGO_PKG_VERSION").into(), pid: std::process::id(), ..Status::default() };
+        self.tally.tell(&mut status);
+        let counts = self.live.counts();
+        status.frames.captured = counts.frames_in;
+        (status.drops.damaged, status.drops.behind) = (counts.damaged, counts.dropped);
+        let state = self.state();
+        status.enabled = state.settings.pipeline.enabled;
+        status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&state.settings))).collect();
+        status.restart.clone_from(&state.restart);
+        status
+    }
+
+    /// Takes what is live of `wanted`.
+    fn apply(&self, state: &mut State, wanted: &Settings) -> Applied {
+        let mut applied = Applied::default();
+        let before = state.settings.clone();
+        for key in wanted.differing(&before) {
+            if key.live {
+                key.copy(wanted, &mut state.settings);
+                applied.changed.push(key.name.to_owned());
+            } else {
+                applied.restart.push(key.name.to_owned());
+            }
+        }
+        if !applied.changed.is_empty() {
+            self.live.set(&state.settings.pipeline);
+            crate::log::set(state.settings.log.level);
+        }
+        applied
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    fn desk(file: &Arc<Mutex<String>>) -> Desk {
+        let read = |text: &str| Settings::read(Some(("g.toml", text)), &[]).map_err(|faults| faults.to_string());
+        let settings = read(&file.lock().unwrap()).unwrap();
+        let file = file.clone();
+        Desk::new(settings, Systemd::nobody(), Box::new(move || read(&file.lock().unwrap())))
+    }
+
+    #[test]
+    fn a_file_read_anew_changes_what_can_change_and_names_the_rest() {
+        let file = Arc::new(Mutex::new("[crop]\nzoom = 1.2".to_owned()));
+        let desk = desk(&file);
+        assert_eq!(desk.reload(), Ok(Applied::default()));
+        *file.lock().unwrap() = "[crop]\nzoom = 1.3\n[camera]\ndevice = 4\n[smooth]\nstrength = 0.5".into();
+        let applied = desk.reload().unwrap();
+        assert_eq!(
+            (applied.changed.join(" "), applied.restart.join(" ")),
+            ("smooth.strength crop.zoom".into(), "camera.device".into())
+        );
+        let params = desk.live.params();
+        assert_eq!((params.crop.zoom, params.smooth.strength), (1.3, 0.5));
+        assert_eq!((desk.settings().camera.device.as_str(), desk.status().restart.len()), ("auto", 1), "the old one counts");
+        *file.lock().unwrap() = "[crop]\nzoom = 77\n[smooth]\nstrength = 0.1".into();
+        let error = desk.reload().unwrap_err();
+        assert!(error.contains("g.toml:2") && error.contains("77"), "{error}");
+        assert_eq!(desk.live.params(), params, "a wrong file changes nothing");
+        *file.lock().unwrap() = "[crop]\nzoom = 1.3\n[smooth]\nstrength = 0.5".into();
+        assert_eq!(desk.reload(), Ok(Applied::default()));
+        assert_eq!(desk.status().restart, Vec::<String>::new(), "as it was again");
+    }
+
+    #[test]
+    fn one_setting_is_taken_or_refused_whole() {
+        let desk = desk(&Arc::default());
+        assert_eq!(desk.set("smooth.strength=0.25").unwrap().changed, ["smooth.strength"]);
+        assert_eq!(desk.set("stabilize.enabled=false").unwrap().changed, ["stabilize.enabled"]);
+        assert_eq!(desk.set("stabilize.enabled=false").unwrap(), Applied::default());
+        assert_eq!(
+            (desk.live.params().smooth.strength, desk.live.params().enabled, desk.status().enabled),
+            (0.25, false, false)
+        );
+        for (wrong, what) in [
+            ("crop.zoom=9", "1 to 2"),
+            ("crop.zooom=1.2", "did you mean crop.zoom"),
+            ("camera.device=3", "restart gimbald"),
+            ("nonsense", "no ="),
+            ("", "no ="),
+        ] {
+            let error = desk.set(wrong).unwrap_err();
+            assert!(error.contains(what), "{wrong}: {error}");
+        }
+        assert_eq!(desk.settings().pipeline.crop.zoom, 1.1);
+    }
+}

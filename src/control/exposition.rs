@@ -1,0 +1,143 @@
+//! A status as Prometheus reads it: the text format, version 0.0.4.
+
+use std::fmt::Write as _;
+
+use super::tally::{AGE_BOUNDS_MS, State, Tally};
+use super::{Drops, Found, Frames, Status};
+
+/// The media type of the text.
+pub(super) const MEDIA_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
+
+/// Writes metrics one by one.
+struct Text(String);
+
+impl Text {
+    fn family(&mut self, name: &str, kind: &str, help: &str) {
+        let _ = writeln!(self.0, "# HELP gimbald_{name} {help}\n# TYPE gimbald_{name} {kind}");
+    }
+
+    fn value(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
+        let labels: Vec<String> = labels.iter().map(|(label, text)| format!("{label}=\"{}\"", escaped(text))).collect();
+        let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
+        let _ = writeln!(self.0, "gimbald_{name}{labels} {value}");
+    }
+
+    fn gauge(&mut self, name: &str, help: &str, value: f64) {
+        self.family(name, "gauge", help);
+        self.value(name, &[], value);
+    }
+
+    /// A count for each value of one label.
+    fn counts(&mut self, name: &str, help: &str, label: &str, counts: &[(&str, u64)]) {
+        self.family(name, "counter", help);
+        counts.iter().for_each(|(which, count)| self.value(name, &[(label, which)], *count as f64));
+    }
+}
+
+/// A label's value as the format wants it.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}
+
+/// All metrics of a daemon.
+pub(super) fn text(status: &Status, tally: &Tally) -> String {
+    let mut text = Text(String::new());
+    text.family("info", "gauge", "Version, and the devices that are open.");
+    let (camera, output) = (status.camera.clone().unwrap_or_default(), status.output.clone().unwrap_or_default());
+    let labels =
+        [("version", &status.version), ("camera", &camera.path), ("camera_name", &camera.name), ("output", &output.path)];
+    text.value("info", &labels.map(|(label, value)| (label, value.as_str())), 1.0);
+    text.family("state", "gauge", "1 for what the daemon is at.");
+    for state in State::ALL {
+        text.value("state", &[("state", state.name())], f64::from(u8::from(state.name() == status.state)));
+    }
+    text.gauge("state_seconds", "For how long it has been at that.", status.since_s);
+    text.gauge("uptime_seconds", "For how long the daemon runs.", status.uptime_s);
+    text.gauge("enabled", "Whether shake is taken out.", f64::from(u8::from(status.enabled)));
+    if let Some(watched) = status.watched {
+        text.gauge("watched", "Whether somebody watches the loopback.", f64::from(u8::from(watched)));
+    }
+    text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
+    let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;
+    text.family("captured_frames_total", "counter", "Frames that cameras gave.");
+    text.value("captured_frames_total", &[], captured as f64);
+    let outcomes = [("stabilized", stabilized), ("repeated", held), ("uncorrected", passed_through)];
+    text.counts("sent_frames_total", "Frames sent, by what became of them.", "outcome", &outcomes);
+    let Drops { camera_missing, camera_stale, damaged, behind } = status.drops;
+    let causes = [("camera_missing", camera_missing), ("camera_stale", camera_stale), ("damaged", damaged), ("behind", behind)];
+    text.counts("lost_frames_total", "Frames that were not shown as they should have been, by cause.", "cause", &causes);
+    text.family("cameras_opened_total", "counter", "Times a camera was opened.");
+    text.value("cameras_opened_total", &[], status.cameras_opened as f64);
+    text.family("latency_seconds", "histogram", "Age of frames when they were sent.");
+    let (ages, sum_s) = tally.ages();
+    let mut below = 0;
+    for (count, bound_ms) in ages.iter().zip(AGE_BOUNDS_MS) {
+        below += count;
+        text.value("latency_seconds_bucket", &[("le", &(bound_ms / 1e3).to_string())], below as f64);
+    }
+    let all: u64 = ages.iter().sum();
+    text.value("latency_seconds_bucket", &[("le", "+Inf")], all as f64);
+    text.value("latency_seconds_sum", &[], sum_s);
+    text.value("latency_seconds_count", &[], all as f64);
+    if let Some(spread) = status.crop_use {
+        text.gauge("crop_use_ratio", "Share of the crop window that corrections used, median of late.", spread.p50);
+        text.gauge("crop_use_max_ratio", "The same, most of late.", spread.max);
+    }
+    text.gauge("inliers", "Points that agreed with the camera's motion in the newest frame.", status.inliers as f64);
+    text.gauge("tracks", "Points that were followed into the newest frame.", status.tracks as f64);
+    text.gauge("confidence_ratio", "How far the newest frame's motion is believed.", status.confidence);
+    text.gauge("trust_ratio", "How far corrections are believed.", status.trust);
+    if let Some(Found { readout_ms, hfov_deg, .. }) = status.found {
+        text.gauge("readout_seconds", "The camera's readout time, as believed.", readout_ms / 1e3);
+        text.gauge("field_of_view_degrees", "The camera's horizontal field of view, as believed.", hfov_deg);
+    }
+    text.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::CameraNow;
+    use crate::frame::Frame;
+    use crate::rt::clock::monotonic_ns;
+
+    #[test]
+    fn every_line_is_help_type_or_a_number_of_a_family_that_was_told() {
+        let tally = Tally::default();
+        let mut frame = Frame::default();
+        for age_ms in [5, 20, 20, 5000] {
+            frame.stamp.time_ns = monotonic_ns() - age_ms * 1_000_000;
+            tally.sent(&frame);
+        }
+        tally.camera(CameraNow { name: "a \"b\"\\\nc".into(), ..CameraNow::default() });
+        let mut status = Status::default();
+        tally.tell(&mut status);
+        let text = text(&status, &tally);
+        let mut family = "";
+        for line in text.lines() {
+            if let Some(rest) = line.strip_prefix("# TYPE ") {
+                family = rest.split(' ').next().unwrap();
+            } else if !line.starts_with("# HELP gimbald_") {
+                let (name, value) = line.rsplit_once(' ').unwrap();
+                assert!(!family.is_empty() && name.starts_with(family), "{line}");
+                assert!(value.parse::<f64>().is_ok_and(f64::is_finite), "{line}");
+            }
+        }
+        for line in [
+            "gimbald_latency_seconds_bucket{le=\"1\"} 3\n",
+            "gimbald_latency_seconds_bucket{le=\"+Inf\"} 4\n",
+            "gimbald_latency_seconds_count 4\n",
+            "camera_name=\"a \\\"b\\\"\\\\\\nc\"",
+            "gimbald_state{state=\"starting\"} 1\n",
+            "gimbald_state{state=\"idle\"} 0\n",
+        ] {
+            assert!(text.contains(line), "{line} in\n{text}");
+        }
+        let buckets: Vec<f64> = text
+            .lines()
+            .filter(|line| line.starts_with("gimbald_latency_seconds_bucket"))
+            .map(|line| line.rsplit_once(' ').unwrap().1.parse().unwrap())
+            .collect();
+        assert!(buckets.windows(2).all(|pair| pair[0] <= pair[1]) && buckets.len() == AGE_BOUNDS_MS.len() + 1);
+    }
+}

@@ -1,0 +1,270 @@
+//! The state of a daemon, as its answers have it, and as people read it.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Write as _};
+
+use serde::{Deserialize, Serialize};
+
+/// Everything that a daemon tells of itself. Times in seconds or milliseconds, as the names say.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(default)]
+pub struct Status {
+    /// Version of the program.
+    pub version: String,
+    /// Its process.
+    pub pid: u32,
+    /// What it is at, one of the names of [`super::State`].
+    pub state: String,
+    /// The same for people.
+    pub what: String,
+    /// For how long it has been at that.
+    pub since_s: f64,
+    /// For how long it runs.
+    pub uptime_s: f64,
+    /// Whether shake is taken out.
+    pub enabled: bool,
+    /// The camera that is open.
+    pub camera: Option<CameraNow>,
+    /// The loopback that is open.
+    pub output: Option<OutputNow>,
+    /// Whether somebody watches the loopback; `None` where there is none.
+    pub watched: Option<bool>,
+    /// Frames sent a second, of late.
+    pub fps: f64,
+    /// Age of frames when they were sent, of late.
+    pub latency_ms: Option<Spread>,
+    /// Part of that in which they were worked on.
+    pub work_ms: Option<Spread>,
+    /// Frames, since the daemon began.
+    pub frames: Frames,
+    /// Frames that were not shown as they should have been, since the daemon began.
+    pub drops: Drops,
+    /// Times a camera was opened.
+    pub cameras_opened: u64,
+    /// Share of the crop window that corrections used, of late (0 to 1).
+    pub crop_use: Option<Spread>,
+    /// Points that agreed with the camera's motion in the newest frame ...
+    pub inliers: u64,
+    /// ... of so many that were followed.
+    pub tracks: u64,
+    /// How far the newest frame's motion is believed (0 to 1).
+    pub confidence: f64,
+    /// How far corrections are believed (0 to 1); moves slowly.
+    pub trust: f64,
+    /// What is believed of the camera.
+    pub found: Option<Found>,
+    /// Every setting, by key, as TOML writes its value.
+    pub settings: BTreeMap<String, String>,
+    /// Keys that have another value in the configuration, and wait for a restart.
+    pub restart: Vec<String>,
+}
+
+/// An open camera.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(default)]
+pub struct CameraNow {
+    /// Its node.
+    pub path: String,
+    /// Its name.
+    pub name: String,
+    /// Where it is plugged in.
+    pub bus: String,
+    /// Pixel format.
+    pub format: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// Frames a second that were agreed upon.
+    pub fps: f64,
+}
+
+/// An open loopback.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(default)]
+pub struct OutputNow {
+    /// Its node.
+    pub path: String,
+    /// Pixel format.
+    pub format: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+}
+
+/// How values of late are spread.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct Spread {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Frames, by what became of them.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct Frames {
+    /// Frames that cameras gave.
+    pub captured: u64,
+    /// Frames that were sent.
+    pub sent: u64,
+    /// Of these, stabilized.
+    pub stabilized: u64,
+    /// Of these, the picture before once more.
+    pub held: u64,
+    /// Of these, shown uncorrected.
+    pub passed_through: u64,
+}
+
+/// Frames that were not shown as they should have been, by cause.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct Drops {
+    /// The camera counted them but did not give them.
+    pub camera_missing: u64,
+    /// The camera had a newer one when they were asked for.
+    pub camera_stale: u64,
+    /// Their data was damaged.
+    pub damaged: u64,
+    /// A newer one was there before they could be worked on.
+    pub behind: u64,
+}
+
+/// What was found out about the camera; a deviation of 0 was given.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(default)]
+pub struct Found {
+    /// From the exposure of the first row to that of the last.
+    pub readout_ms: f64,
+    /// Its standard deviation.
+    pub readout_deviation_ms: f64,
+    /// Horizontal field of view, degrees.
+    pub hfov_deg: f64,
+    /// Its standard deviation.
+    pub hfov_deviation_deg: f64,
+}
+
+/// A length of time as people say it.
+fn lasting(seconds: f64) -> String {
+    let whole = seconds.max(0.0) as u64;
+    match whole {
+        0..60 => format!("{whole} s"),
+        60..3600 => format!("{} min {} s", whole / 60, whole % 60),
+        3600..86_400 => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
+        _ => format!("{} d {} h", whole / 86_400, whole % 86_400 / 3600),
+    }
+}
+
+/// Text from a device may hold anything; a terminal gets no control characters.
+fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+impl fmt::Display for Status {
+    /// Some twenty lines for people.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut line = |name: &str, text: &str| writeln!(f, "{name:<15}{}", plain(text));
+        let on = if self.enabled { "" } else { "; switched off: `gimbald on` takes the shake out again" };
+        line("state", &format!("{} for {}{on}", self.state, lasting(self.since_s)))?;
+        line("", &self.what)?;
+        match &self.camera {
+            Some(CameraNow { path, name, bus, format, width, height, fps }) => {
+                line("camera", &format!("{path}  {name} ({bus}), {format} {width}x{height} at {fps:.3} fps"))?;
+            }
+            None => line("camera", "closed")?,
+        }
+        match &self.output {
+            Some(OutputNow { path, format, width, height }) => {
+                line("output", &format!("{path}  {format} {width}x{height}"))?;
+            }
+            None => line("output", "not open")?,
+        }
+        if let Some(watched) = self.watched {
+            line("watched", if watched { "yes" } else { "by nobody" })?;
+        }
+        line("rate", &format!("{:.2} frames a second", self.fps))?;
+        if let Some(Spread { p50, p99, max }) = self.latency_ms {
+            line("latency", &format!("median {p50:.1} ms, 99 % below {p99:.1} ms, at most {max:.1} ms"))?;
+        }
+        if let Some(Spread { p50, p99, max }) = self.work_ms {
+            line("  of it work", &format!("median {p50:.1} ms, 99 % below {p99:.1} ms, at most {max:.1} ms"))?;
+        }
+        let Frames { captured, sent, stabilized, held, passed_through } = self.frames;
+        line("frames", &format!("{captured} from the camera, {sent} sent"))?;
+        line("  of them", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
+        let Drops { camera_missing, camera_stale, damaged, behind } = self.drops;
+        let mut lost = String::new();
+        for (count, why) in [
+            (camera_missing, "missing from the camera"),
+            (camera_stale, "stale at the camera"),
+            (damaged, "damaged"),
+            (behind, "given up for a newer one"),
+        ] {
+            if count > 0 {
+                let _ = write!(lost, "{}{count} {why}", if lost.is_empty() { "" } else { ", " });
+            }
+        }
+        line("lost", if lost.is_empty() { "none" } else { &lost })?;
+        if let Some(Spread { p50, max, .. }) = self.crop_use {
+            line("crop window", &format!("{:.0} % used in the median, {:.0} % at most", 100.0 * p50, 100.0 * max))?;
+        }
+        line(
+            "motion",
+            &format!(
+                "{} of {} points agree, confidence {:.2}, trust {:.2}",
+                self.inliers, self.tracks, self.confidence, self.trust
+            ),
+        )?;
+        if let Some(Found { readout_ms, readout_deviation_ms, hfov_deg, hfov_deviation_deg }) = self.found {
+            let known = |value: f64, deviation: f64, unit: &str| match deviation {
+                0.0 => format!("{value:.1} {unit} as given"),
+                _ => format!("{value:.1} ± {deviation:.1} {unit}"),
+            };
+            let (readout, hfov) =
+                (known(readout_ms, readout_deviation_ms, "ms"), known(hfov_deg, hfov_deviation_deg, "degrees"));
+            line("found out", &format!("readout {readout}, field of view {hfov}"))?;
+        }
+        if !self.restart.is_empty() {
+            line("waiting", &format!("for a restart: {}", self.restart.join(", ")))?;
+        }
+        line("process", &format!("{}, version {}, for {}", self.pid, self.version, lasting(self.uptime_s)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn people_read_it_and_programs_too() {
+        let status = Status {
+            state: "streaming".into(),
+            since_s: 3725.0,
+            camera: Some(CameraNow { name: "Evil\u{1b}[2J\nname".into(), ..CameraNow::default() }),
+            latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
+            drops: Drops { behind: 3, damaged: 1, ..Drops::default() },
+            restart: vec!["camera.device".into()],
+            ..Status::default()
+        };
+        let text = status.to_string();
+        for part in [
+            "streaming for 1 h 2 min; switched off",
+            "Evil [2J name",
+            "99 % below 18.5 ms",
+            "1 damaged, 3 given up",
+            "camera.device",
+        ] {
+            assert!(text.contains(part), "{part} in\n{text}");
+        }
+        assert!(!text.contains('\u{1b}'));
+        let json = serde_json::to_string(&status).unwrap();
+        assert_eq!(serde_json::from_str::<Status>(&json).unwrap(), status);
+        // a newer or older daemon's answer is read as far as it goes
+        let other: Status = serde_json::from_str("{\"state\":\"idle\",\"new\":1}").unwrap();
+        assert_eq!(other.state, "idle");
+    }
+}

@@ -1,0 +1,378 @@
+//! What is counted while frames go by: atomic numbers, written in passing, read by whoever asks.
+
+use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use super::status::{CameraNow, OutputNow, Spread};
+use crate::frame::{Frame, Outcome};
+use crate::geometry::Calibration;
+use crate::rt::clock::monotonic_ns;
+
+/// What a daemon is at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// It has begun, and nothing is known yet.
+    #[default]
+    Starting,
+    /// What it needs is not there.
+    Waiting,
+    /// Nobody watches: the camera is left alone.
+    Idle,
+    /// Frames go through.
+    Streaming,
+    /// It ends.
+    Stopping,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [Self; 5] = [Self::Starting, Self::Waiting, Self::Idle, Self::Streaming, Self::Stopping];
+
+    /// Its name in answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Starting => "starting",
+            Self::Waiting => "waiting",
+            Self::Idle => "idle",
+            Self::Streaming => "streaming",
+            Self::Stopping => "stopping",
+        }
+    }
+}
+
+/// Upper bounds of the histogram of frames' ages (ms); above the last there is one more.
+pub(super) const AGE_BOUNDS_MS: [f64; 16] =
+    [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 33.0, 50.0, 75.0, 100.0, 200.0, 500.0, 1000.0];
+/// Frames of which each measure is remembered: 17 seconds at 30 a second.
+const REMEMBERED: usize = 512;
+/// What a new interval between frames counts for in their rate.
+const NEWS: f64 = 0.05;
+/// The rate counts as nothing when no frame came for so many of its intervals, and at least this long (seconds).
+const SILENCE: (f64, f64) = (4.0, 1.0);
+
+/// Frames that a camera lost, by cause; since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lost {
+    /// The driver counted them but did not give them.
+    pub missing: u64,
+    /// A newer one was there.
+    pub stale: u64,
+}
+
+/// The counts of a daemon's life.
+#[derive(Debug)]
+pub struct Tally {
+    born: Instant,
+    sent: AtomicU64,
+    stabilized: AtomicU64,
+    held: AtomicU64,
+    passed_through: AtomicU64,
+    missing: AtomicU64,
+    stale: AtomicU64,
+    cameras: AtomicU64,
+    /// Frames' ages when they were sent: how many within each bound, and their sum (ns).
+    ages: [AtomicU64; AGE_BOUNDS_MS.len() + 1],
+    age_sum_ns: AtomicU64,
+    recent_age_ms: Recent,
+    recent_work_ms: Recent,
+    recent_crop_use: Recent,
+    last_sent_ns: AtomicI64,
+    /// Smoothed interval between frames sent (bits of seconds); 0 before the second.
+    interval_s: AtomicU64,
+    inliers: AtomicU64,
+    tracks: AtomicU64,
+    confidence: AtomicU64,
+    trust: AtomicU64,
+    calibration: [AtomicU64; 4],
+    now: Mutex<Now>,
+}
+
+/// What changes with devices, not with frames.
+struct Now {
+    state: State,
+    what: String,
+    since: Instant,
+    camera: Option<CameraNow>,
+    output: Option<OutputNow>,
+    /// Says whether somebody watches.
+    watched: Option<Box<dyn Fn() -> bool + Send>>,
+}
+
+impl std::fmt::Debug for Now {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Now").field("state", &self.state).field("what", &self.what).finish_non_exhaustive()
+    }
+}
+
+/// The last values of a measure, in no order.
+#[derive(Debug)]
+struct Recent {
+    values: [AtomicU32; REMEMBERED],
+    count: AtomicU64,
+}
+
+impl Recent {
+    fn new() -> Self {
+        Self { values: std::array::from_fn(|_| AtomicU32::new(0)), count: AtomicU64::new(0) }
+    }
+
+    /// One writer at a time.
+    fn add(&self, value: f64) {
+        let count = self.count.load(Relaxed);
+        self.values[count as usize % REMEMBERED].store((value as f32).to_bits(), Relaxed);
+        self.count.store(count + 1, Relaxed);
+    }
+
+    fn spread(&self) -> Option<Spread> {
+        let count = self.count.load(Relaxed).min(REMEMBERED as u64) as usize;
+        let mut values: Vec<f32> = self.values[..count].iter().map(|value| f32::from_bits(value.load(Relaxed))).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| f64::from(values[((count - 1) as f64 * share).round() as usize]);
+        (count > 0).then(|| Spread { p50: at(0.5), p99: at(0.99), max: at(1.0) })
+    }
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        let born = Instant::now();
+        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None, watched: None };
+        Self {
+            born,
+            sent: AtomicU64::new(0),
+            stabilized: AtomicU64::new(0),
+            held: AtomicU64::new(0),
+            passed_through: AtomicU64::new(0),
+            missing: AtomicU64::new(0),
+            stale: AtomicU64::new(0),
+            cameras: AtomicU64::new(0),
+            ages: Default::default(),
+            age_sum_ns: AtomicU64::new(0),
+            recent_age_ms: Recent::new(),
+            recent_work_ms: Recent::new(),
+            recent_crop_use: Recent::new(),
+            last_sent_ns: AtomicI64::new(i64::MIN),
+            interval_s: AtomicU64::new(0),
+            inliers: AtomicU64::new(0),
+            tracks: AtomicU64::new(0),
+            confidence: AtomicU64::new(0),
+            trust: AtomicU64::new(0),
+            calibration: Default::default(),
+            now: Mutex::new(now),
+        }
+    }
+}
+
+impl Tally {
+    /// A frame was sent. On the frame path: a few atomic stores.
+    pub fn sent(&self, frame: &Frame) {
+        let (now, context) = (monotonic_ns(), &frame.context);
+        self.sent.fetch_add(1, Relaxed);
+        let outcome = match context.outcome {
+            Outcome::Stabilized | Outcome::Pending => &self.stabilized,
+            Outcome::Held(_) => &self.held,
+            Outcome::PassedThrough(_) => &self.passed_through,
+        };
+        outcome.fetch_add(1, Relaxed);
+        let age_ns = now.saturating_sub(frame.stamp.time_ns).max(0);
+        let age_ms = age_ns as f64 * 1e-6;
+        self.ages[AGE_BOUNDS_MS.partition_point(|bound| *bound < age_ms)].fetch_add(1, Relaxed);
+        self.age_sum_ns.fetch_add(age_ns.unsigned_abs(), Relaxed);
+        self.recent_age_ms.add(age_ms);
+        self.recent_work_ms.add(context.spent_ns.iter().sum::<u64>() as f64 * 1e-6);
+        self.recent_crop_use.add(context.crop_use);
+        let before = self.last_sent_ns.swap(now, Relaxed);
+        if before != i64::MIN {
+            let (mean, new) = (load(&self.interval_s), now.saturating_sub(before) as f64 * 1e-9);
+            // after a pause the rate begins anew
+            let pause = mean == 0.0 || new > SILENCE.1.max(SILENCE.0 * mean);
+            store(&self.interval_s, if pause { new.min(1.0) } else { mean + NEWS * (new - mean) });
+        }
+        self.inliers.store(u64::from(context.fit.inliers), Relaxed);
+        self.tracks.store(u64::from(context.fit.tracks), Relaxed);
+        store(&self.confidence, context.fit.confidence);
+        store(&self.trust, context.trust);
+        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg } = context.calibration;
+        let found = [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg];
+        self.calibration.iter().zip(found).for_each(|(kept, number)| store(kept, number));
+    }
+
+    /// A camera says what it lost since it was opened; `told` is what it said before, and is brought up to date.
+    pub fn lost(&self, now: Lost, told: &mut Lost) {
+        if now != *told {
+            self.missing.fetch_add(now.missing.saturating_sub(told.missing), Relaxed);
+            self.stale.fetch_add(now.stale.saturating_sub(told.stale), Relaxed);
+            *told = now;
+        }
+    }
+
+    /// What the daemon is at, with a sentence for people.
+    pub fn is_at(&self, state: State, what: &str) {
+        let mut now = self.now();
+        if now.state != state {
+            now.since = Instant::now();
+        }
+        (now.state, now.what) = (state, what.to_owned());
+    }
+
+    /// A camera was opened.
+    pub fn camera(&self, camera: CameraNow) {
+        self.cameras.fetch_add(1, Relaxed);
+        self.now().camera = Some(camera);
+    }
+
+    /// The camera was closed, or went away.
+    pub fn no_camera(&self) {
+        self.now().camera = None;
+        self.calibration.iter().for_each(|kept| store(kept, 0.0));
+    }
+
+    /// The loopback was opened; `watched` says whether somebody watches it.
+    pub fn output(&self, output: OutputNow, watched: Box<dyn Fn() -> bool + Send>) {
+        let mut now = self.now();
+        (now.output, now.watched) = (Some(output), Some(watched));
+    }
+
+    /// The loopback was closed, or went away.
+    pub fn no_output(&self) {
+        let mut now = self.now();
+        (now.output, now.watched) = (None, None);
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the parts of a [`super::Status`] that are counted here.
+    pub(super) fn tell(&self, status: &mut super::Status) {
+        let of = |count: &AtomicU64| count.load(Relaxed);
+        {
+            let now = self.now();
+            status.state = now.state.name().to_owned();
+            status.what.clone_from(&now.what);
+            status.since_s = now.since.elapsed().as_secs_f64();
+            (status.camera, status.output) = (now.camera.clone(), now.output.clone());
+            status.watched = now.watched.as_ref().map(|watched| watched());
+        }
+        status.uptime_s = self.born.elapsed().as_secs_f64();
+        status.fps = self.rate();
+        status.latency_ms = self.recent_age_ms.spread();
+        status.work_ms = self.recent_work_ms.spread();
+        status.crop_use = self.recent_crop_use.spread();
+        let frames = &mut status.frames;
+        (frames.sent, frames.stabilized) = (of(&self.sent), of(&self.stabilized));
+        (frames.held, frames.passed_through) = (of(&self.held), of(&self.passed_through));
+        (status.drops.camera_missing, status.drops.camera_stale) = (of(&self.missing), of(&self.stale));
+        status.cameras_opened = of(&self.cameras);
+        (status.inliers, status.tracks) = (of(&self.inliers), of(&self.tracks));
+        (status.confidence, status.trust) = (load(&self.confidence), load(&self.trust));
+        let [readout_s, readout_off_s, hfov_deg, hfov_off_deg] = [0, 1, 2, 3].map(|i: usize| load(&self.calibration[i]));
+        status.found = (hfov_deg > 0.0).then_some(super::Found {
+            readout_ms: 1e3 * readout_s,
+            readout_deviation_ms: 1e3 * readout_off_s,
+            hfov_deg,
+            hfov_deviation_deg: hfov_off_deg,
+        });
+    }
+
+    /// Frames sent a second of late; 0 where none were.
+    fn rate(&self) -> f64 {
+        let (interval_s, last) = (load(&self.interval_s), self.last_sent_ns.load(Relaxed));
+        if last == i64::MIN || interval_s <= 0.0 {
+            return 0.0;
+        }
+        let silent_s = monotonic_ns().saturating_sub(last) as f64 * 1e-9;
+        if silent_s > SILENCE.1.max(SILENCE.0 * interval_s) { 0.0 } else { 1.0 / interval_s }
+    }
+
+    /// Frames within each bound of [`AGE_BOUNDS_MS`] and above, and the sum of their ages (seconds).
+    pub(super) fn ages(&self) -> ([u64; AGE_BOUNDS_MS.len() + 1], f64) {
+        (std::array::from_fn(|i| self.ages[i].load(Relaxed)), self.age_sum_ns.load(Relaxed) as f64 * 1e-9)
+    }
+}
+
+fn load(number: &AtomicU64) -> f64 {
+    f64::from_bits(number.load(Relaxed))
+}
+
+fn store(number: &AtomicU64, value: f64) {
+    number.store(value.to_bits(), Relaxed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Status;
+    use crate::frame::{HoldReason, PassReason};
+
+    fn told(tally: &Tally) -> Status {
+        let mut status = Status::default();
+        tally.tell(&mut status);
+        status
+    }
+
+    #[test]
+    fn frames_are_counted_by_what_became_of_them() {
+        let tally = Tally::default();
+        assert_eq!((told(&tally).fps, told(&tally).latency_ms), (0.0, None));
+        let mut frame = Frame::default();
+        for outcome in [
+            Outcome::Stabilized,
+            Outcome::Stabilized,
+            Outcome::Held(HoldReason::Damaged),
+            Outcome::PassedThrough(PassReason::SwitchedOff),
+        ] {
+            frame.context.outcome = outcome;
+            frame.context.crop_use = 0.5;
+            frame.context.spent_ns[2] = 3_000_000;
+            frame.stamp.time_ns = monotonic_ns() - 20_000_000;
+            tally.sent(&frame);
+        }
+        let status = told(&tally);
+        let frames = status.frames;
+        assert_eq!((frames.sent, frames.stabilized, frames.held, frames.passed_through), (4, 2, 1, 1));
+        assert_eq!(status.crop_use, Some(Spread { p50: 0.5, p99: 0.5, max: 0.5 }));
+        assert_eq!(status.work_ms.map(|work| work.max), Some(3.0));
+        assert!(status.latency_ms.is_some_and(|age| age.p50 >= 20.0), "{status:?}");
+        assert!(status.fps > 0.0 && status.found.is_none());
+        let (ages, sum_s) = tally.ages();
+        assert_eq!(ages.iter().sum::<u64>(), 4);
+        assert_eq!(ages[..8].iter().sum::<u64>(), 0, "none is younger than 16 ms");
+        assert!(sum_s >= 0.08);
+    }
+
+    #[test]
+    fn the_newest_values_are_remembered() {
+        let recent = Recent::new();
+        (0..3 * REMEMBERED).for_each(|n| recent.add(n as f64));
+        let spread = recent.spread().unwrap();
+        assert_eq!(spread.max, (3 * REMEMBERED - 1) as f64);
+        assert!((spread.p50 - 2.5 * REMEMBERED as f64).abs() < 2.0, "{spread:?}");
+    }
+
+    #[test]
+    fn a_camera_that_is_opened_anew_counts_on() {
+        let tally = Tally::default();
+        for _ in 0..2 {
+            let mut told = Lost::default();
+            tally.lost(Lost { missing: 3, stale: 0 }, &mut told);
+            tally.lost(Lost { missing: 3, stale: 0 }, &mut told);
+            tally.lost(Lost { missing: 5, stale: 1 }, &mut told);
+        }
+        let drops = told(&tally).drops;
+        assert_eq!((drops.camera_missing, drops.camera_stale), (10, 2));
+    }
+
+    #[test]
+    fn a_state_is_as_old_as_it_is_whatever_is_said_of_it() {
+        let tally = Tally::default();
+        tally.is_at(State::Waiting, "for a camera");
+        let since = tally.now().since;
+        tally.is_at(State::Waiting, "for another");
+        assert_eq!(tally.now().since, since);
+        tally.is_at(State::Streaming, "a to b");
+        assert!(tally.now().since > since);
+        let status = told(&tally);
+        assert_eq!((status.state.as_str(), status.what.as_str()), ("streaming", "a to b"));
+    }
+}

@@ -1,0 +1,149 @@
+//! Where the nodes of the mesh come from: a homography, then the motion of the row that saw each.
+
+use super::{FURTHEST, ONE};
+use crate::kernel::{Level, dispatch};
+
+/// Entries of the tables of poses; one more than there can be stretches between samples, so that no index is ever outside.
+pub const TABLE: usize = 32;
+/// Nodes found at a time.
+const CHUNK: usize = 16;
+/// Rounds in which the row is found that saw a point; each shrinks the error to what the picture moves in as many rows, a few
+/// hundredths.
+const ROUNDS: usize = 3;
+
+/// The map of a mesh: a homography (row by row), and how rows move.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    /// Takes output pixels to the frame at its reference time.
+    pub view: [f64; 9],
+    /// Rows' motion; `None` where they have none.
+    pub rows: Option<RowTable>,
+}
+
+/// Motion of rows: yaw, pitch, roll and log zoom of a pinhole camera, on straight lines from sample to sample.
+#[derive(Clone, Debug)]
+pub struct RowTable {
+    /// Each stretch's first value, by channel.
+    pub base: [[f32; TABLE]; 4],
+    /// What it grows by over the stretch.
+    pub growth: [[f32; TABLE]; 4],
+    /// Stretches there are, at most [`TABLE`].
+    pub stretches: usize,
+    /// Stretches to a row of the picture.
+    pub per_row: f32,
+    /// Focal length, pixels.
+    pub focal: f32,
+    /// Principal point, pixels.
+    pub centre: [f32; 2],
+}
+
+/// Finds the nodes of the mesh's row at output row `y`: every 2^`wide_bits` pixels one, input pixels in 16.16 fixed point, rounded
+/// towards 0, within [`FURTHEST`]; what is no number becomes 0.
+pub fn nodes(level: Level, mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32]) {
+    dispatch!(level, nodes_body(mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32]))
+}
+
+#[inline(always)]
+fn nodes_body(mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32]) {
+    let [a, b, c, d, e, f, g, h, i] = mesh.view;
+    let wide = f64::from(1u32 << wide_bits);
+    for (n, (xs, ys)) in xs.chunks_mut(CHUNK).zip(ys.chunks_mut(CHUNK)).enumerate() {
+        let (mut at_x, mut at_y) = ([0.0f64; CHUNK], [0.0f64; CHUNK]);
+        for k in 0..CHUNK {
+            let x = (n * CHUNK + k) as f64 * wide;
+            let w = g * x + h * y + i;
+            at_x[k] = (a * x + b * y + c) / w;
+            at_y[k] = (d * x + e * y + f) / w;
+        }
+        let (mut moved_x, mut moved_y) = ([0.0f32; CHUNK], [0.0f32; CHUNK]);
+        if let Some(rows) = &mesh.rows {
+            for _ in 0..ROUNDS {
+                round(rows, &at_x, &at_y, &mut moved_x, &mut moved_y);
+            }
+        }
+        for k in 0..CHUNK {
+            at_x[k] += f64::from(moved_x[k]);
+            at_y[k] += f64::from(moved_y[k]);
+        }
+        xs.iter_mut().zip(at_x).for_each(|(to, x)| *to = fixed(x));
+        ys.iter_mut().zip(at_y).for_each(|(to, y)| *to = fixed(y));
+    }
+}
+
+/// One round: the pose of the row that was found last, and how far it moves each point.
+#[inline(always)]
+fn round(rows: &RowTable, x: &[f64; CHUNK], y: &[f64; CHUNK], moved_x: &mut [f32; CHUNK], moved_y: &mut [f32; CHUNK]) {
+    let last = rows.stretches.clamp(1, TABLE) as f32;
+    let per_focal = 1.0 / rows.focal;
+    let mut stretch = [0usize; CHUNK];
+    let mut part = [0.0f32; CHUNK];
+    for k in 0..CHUNK {
+        // what is no number becomes 0 here
+        let place = ((y[k] as f32 + moved_y[k]) * rows.per_row).max(0.0).min(last);
+        // SAFETY: `place` is a number from 0 to `TABLE`.
+        let whole = unsafe { place.min(last - 1.0).to_int_unchecked::<i32>() };
+        stretch[k] = whole as usize & (TABLE - 1);
+        part[k] = place - whole as f32;
+    }
+    let mut pose = [[0.0f32; CHUNK]; 4];
+    for c in 0..4 {
+        for k in 0..CHUNK {
+            pose[c][k] = rows.base[c][stretch[k]] + rows.growth[c][stretch[k]] * part[k];
+        }
+    }
+    for k in 0..CHUNK {
+        // the derivative of a pixel by the pose, half way
+        let u = x[k] as f32 + 0.5 * moved_x[k] - rows.centre[0];
+        let v = y[k] as f32 + 0.5 * moved_y[k] - rows.centre[1];
+        let (a, b) = (u * per_focal, v * per_focal);
+        let [yaw, pitch, roll, zoom] = [pose[0][k], pose[1][k], pose[2][k], pose[3][k]];
+        moved_x[k] = u * b * pitch - (rows.focal + u * a) * yaw + v * roll + u * zoom;
+        moved_y[k] = (rows.focal + v * b) * pitch - u * b * yaw - u * roll + v * zoom;
+    }
+}
+
+/// 16.16 fixed point.
+#[inline(always)]
+fn fixed(value: f64) -> i32 {
+    ((value * f64::from(ONE)) as i32).clamp(-FURTHEST, FURTHEST)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_finds_the_same_nodes_even_of_nonsense() {
+        let table = |value: f32| std::array::from_fn(|c| std::array::from_fn(|i| value * ((i * 7 + c * 3) as f32 % 5.0 - 2.0)));
+        let rows = |value: f32, per_row: f32| RowTable {
+            base: table(value),
+            growth: table(0.1 * value),
+            stretches: 24,
+            per_row,
+            focal: 500.0,
+            centre: [320.0, 240.0],
+        };
+        let views = [
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            [0.9, 0.01, 30.0, -0.01, 0.9, 20.0, 1e-5, -1e-5, 1.0],
+            [f64::NAN; 9],
+            [1e300, 0.0, 0.0, 0.0, -1e300, 0.0, 0.0, 0.0, 0.0],
+        ];
+        for (view, rows) in views.into_iter().flat_map(|view| {
+            [None, Some(rows(0.01, 0.05)), Some(rows(f32::NAN, 0.05)), Some(rows(1e30, f32::INFINITY))].map(|rows| (view, rows))
+        }) {
+            let mesh = Mesh { view, rows };
+            for columns in [1, 15, 41] {
+                let found: Vec<_> = Level::all()
+                    .map(|level| {
+                        let (mut xs, mut ys) = (vec![7; columns], vec![7; columns]);
+                        nodes(level, &mesh, 24.0, 4, &mut xs, &mut ys);
+                        (xs, ys)
+                    })
+                    .collect();
+                assert!(found.windows(2).all(|pair| pair[0] == pair[1]));
+                assert!(found[0].0.iter().chain(&found[0].1).all(|value| value.abs() <= FURTHEST));
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! A first look at the readout time: how much the picture leans while the camera turns faster.
+//!
+//! Between two frames row y moves by `P(t_b + readout y / H) - P(t_a + readout y / H)`, which changes from the first row to the last by
+//! `readout (P'(t_b) - P'(t_a))`. The hypotheses know that slope over the rows; the change of speed is half the difference of the
+//! turns of the pairs before and after. Both are turns, so that neither focal length nor anything else is asked: least squares give
+//! the readout time in frame intervals, with its sign. For shake of angular frequency w the differences of turns see
+//! sin(wT) / (wT) of the change of speed; w is known from how much the turns bend (second difference: 4 sin(wT/2)^2 of the turn). For a mix of
+//! frequencies that is roughly right, so this is a first look, and no more.
+
+use crate::geometry::Pose;
+
+/// Seconds for which pairs are remembered.
+const MEMORY_S: f64 = 6.0;
+/// Standard deviations that are stated for one that the statistics give: neighbouring pairs share their errors.
+const CAUTION: f64 = 2.0;
+/// Pairs below which nothing is said.
+const LEAST_PAIRS: f64 = 12.0;
+/// Factor between two intervals up to which they count as even.
+const EVEN: f64 = 1.25;
+
+/// A pair of frames: its interval, its turn and that turn's slope over the rows (yaw, pitch).
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    interval_s: f64,
+    turn: [f64; 2],
+    slope: [f64; 2],
+}
+
+/// What was seen so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Slope {
+    /// The last two pairs, the newest last.
+    last: [Seen; 2],
+    /// Sums of slope x change, change^2, slope^2, turn^2, bend^2, and of 1.
+    sums: [f64; 6],
+}
+
+impl Slope {
+    /// Takes in a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at.
+    pub fn take(&mut self, turn: Pose, slope: Pose, interval_s: f64) {
+        let newest = Seen { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
+        let [first, middle] = self.last;
+        self.last = [middle, newest];
+        let even = |a: f64, b: f64| a > 0.0 && b > 0.0 && a < EVEN * b && b < EVEN * a;
+        if !even(first.interval_s, middle.interval_s) || !even(middle.interval_s, newest.interval_s) {
+            return;
+        }
+        let keep = (-interval_s / MEMORY_S).exp();
+        let mut news = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        for i in 0..2 {
+            let change = 0.5 * (newest.turn[i] - first.turn[i]);
+            news[0] += middle.slope[i] * change;
+            news[1] += change * change;
+            news[2] += middle.slope[i] * middle.slope[i];
+            news[3] += middle.turn[i] * middle.turn[i];
+            news[4] += (newest.turn[i] - 2.0 * middle.turn[i] + first.turn[i]).powi(2);
+        }
+        for (sum, news) in self.sums.iter_mut().zip(news) {
+            *sum = keep * *sum + news;
+        }
+    }
+
+    /// The next pair does not follow the last one.
+    pub fn interrupt(&mut self) {
+        self.last = [Seen::default(); 2];
+    }
+
+    /// Readout time in frame intervals, and its standard deviation.
+    pub fn readout(&self) -> Option<(f64, f64)> {
+        let [across, change, slope, turn, bend, pairs] = self.sums;
+        if pairs < LEAST_PAIRS || change <= 0.0 || turn <= 0.0 {
+            return None;
+        }
+        let slant = across / change;
+        let rest = (slope - slant * across).max(0.0) / (2.0 * pairs - 1.0);
+        let angle = 2.0 * (0.25 * (bend / turn).sqrt()).min(1.0).sqrt().asin();
+        let seen = if angle > 1e-3 { angle.sin() / angle } else { 1.0 };
+        Some((slant * seen, CAUTION * seen * (rest / change).sqrt()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readout_and_sign_are_seen() {
+        for readout in [0.8, 0.3, -0.6] {
+            let (interval, mut slope) = (1.0 / 30.0, Slope::default());
+            let path = |t: f64| [0.01 * (9.0 * t).sin(), 0.006 * (13.0 * t + 1.0).cos()];
+            let speed = |t: f64| [0.09 * (9.0 * t).cos(), -0.078 * (13.0 * t + 1.0).sin()];
+            for k in 0..90 {
+                let (a, b) = (f64::from(k) * interval, f64::from(k + 1) * interval);
+                let by = |f: &dyn Fn(f64) -> [f64; 2], c: usize| f(b)[c] - f(a)[c];
+                let turn = [by(&path, 0), by(&path, 1), 0.0, 0.0];
+                let lean = [readout * interval * by(&speed, 0), readout * interval * by(&speed, 1), 0.0, 0.0];
+                slope.take(turn, lean, interval);
+            }
+            let (found, deviation) = slope.readout().unwrap();
+            assert!((found - readout).abs() < 0.05 * readout.abs(), "{readout}: {found}");
+            assert!(deviation < 0.1);
+        }
+    }
+
+    #[test]
+    fn a_still_camera_says_nothing() {
+        let mut slope = Slope::default();
+        for _ in 0..90 {
+            slope.take([0.0; 4], [0.0; 4], 1.0 / 30.0);
+        }
+        assert_eq!(slope.readout(), None);
+    }
+}

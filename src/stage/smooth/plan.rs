@@ -1,0 +1,190 @@
+//! The virtual camera's next steps: as little acceleration as the crop window allows, given where the camera is expected.
+//!
+//! Unknown are the virtual camera's places now (x_0) and at the next ticks. Minimised is
+//!
+//! ```text
+//! sum a_i^2 + wj sum j_i^2 + wv sum v_i^2 + sum rho_i E[excess_i^2]
+//! ```
+//!
+//! with a, j, v the second, third and first differences, and excess_i how far the correction x_i - c_i is outside of the window; c_i is normal, with the forecast's mean and deviation. E has a closed form, and is smooth, so that a few
+//! Newton steps on a banded matrix suffice. An excess is what a hard push by the window's edge would cost later; how much of it
+//! counts falls with the time there is left to find out better. Only x_0 is used: with the next frame all is planned anew.
+//!
+//! While the virtual camera moves, the window is narrower ahead of it than behind: it stops behind a camera that stops.
+
+use super::Tuning;
+use super::forecast::AHEAD;
+
+/// Deviation of where the camera is now: a corner that is rounded off, half windows.
+pub const NOW: f64 = 0.01;
+/// Newton steps at most.
+const ROUNDS: usize = 6;
+/// A step that changes nothing more, half windows.
+const SETTLED: f64 = 3e-4;
+/// Off-diagonals of the equations, and the diagonal.
+const BAND: usize = 4;
+
+/// How the virtual camera moves.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Motion {
+    /// Half windows.
+    pub place: f64,
+    /// Half windows to a tick.
+    pub speed: f64,
+    /// Half windows to a tick^2.
+    pub acceleration: f64,
+    /// Length of the step before, ticks.
+    pub ticks: f64,
+}
+
+/// What the plan is made against.
+#[derive(Clone, Copy, Debug)]
+pub struct Ahead {
+    /// Where the camera is, and will be at 1, 2 .. ticks.
+    pub camera: [f64; AHEAD],
+    /// Standard deviations of that.
+    pub deviation: [f64; AHEAD],
+    /// Least and most correction now.
+    pub now: [f64; 2],
+    /// The same later.
+    pub later: [f64; 2],
+    /// Length of a tick, seconds.
+    pub tick_s: f64,
+}
+
+/// A linear form in x_(i-3) .. x_i, and a constant.
+type Form = [f64; 5];
+
+/// The form of the step before, seen from this one.
+fn before(form: Form) -> Form {
+    [form[1], form[2], form[3], 0.0, form[4]]
+}
+
+fn minus(a: Form, b: Form, over: f64) -> Form {
+    std::array::from_fn(|i| (a[i] - b[i]) / over)
+}
+
+/// Where to be now, `ticks` after `motion`.
+pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 {
+    let (equations, right) = smoothness(tuning, motion, ticks, ahead);
+    let slow = 1.0 / (1.0 + (motion.speed / tuning.lead_speed).powi(2));
+    let mut x: [f64; AHEAD] = std::array::from_fn(|i| motion.place + motion.speed * (ticks + i as f64));
+    for _ in 0..ROUNDS {
+        let (mut matrix, mut vector) = (equations, right);
+        for i in 0..AHEAD {
+            let edges = if i == 0 { ahead.now } else { ahead.later };
+            let weight =
+                if i == 0 { tuning.rho_now } else { tuning.rho * (-(i as f64) * ahead.tick_s / tuning.option_s).exp() };
+            let off = x[i] - ahead.camera[i];
+            let (mut slope, mut curve) = (0.0, 1e-9);
+            for (sign, edge) in
+                [(-1.0, -ahead_edge(edges[0], motion.speed < 0.0, slow)), (1.0, ahead_edge(edges[1], motion.speed > 0.0, slow))]
+            {
+                let (first, second) = excess(sign * off - edge, ahead.deviation[i]);
+                slope += sign * first;
+                curve += second;
+            }
+            matrix[i][0] += weight * curve;
+            vector[i] += weight * (curve * x[i] - slope);
+        }
+        solve(&mut matrix, &mut vector);
+        let change = x.iter().zip(&vector).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        x = vector;
+        if change < SETTLED {
+            break;
+        }
+    }
+    x[0]
+}
+
+/// The edge of the window where the virtual camera moves towards it.
+fn ahead_edge(edge: f64, towards: bool, slow: f64) -> f64 {
+    if towards { edge * slow } else { edge }
+}
+
+/// Half the slope and half the curvature of E[max(0, e + deviation z)^2], z standard normal.
+fn excess(e: f64, deviation: f64) -> (f64, f64) {
+    let z = e / deviation;
+    if z < -4.0 {
+        return (0.0, 0.0);
+    }
+    if z > 4.0 {
+        return (e, 1.0);
+    }
+    let share = normal(z);
+    (e * share + deviation * (-0.5 * z * z).exp() * 0.398_942_280_401_432_7, share)
+}
+
+/// The standard normal distribution function, to 1e-7 (Abramowitz and Stegun 26.2.17).
+fn normal(z: f64) -> f64 {
+    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+    let series = t * (0.319_381_530 + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+    let tail = 0.398_942_280_401_432_7 * (-0.5 * z * z).exp() * series;
+    if z < 0.0 { tail } else { 1.0 - tail }
+}
+
+/// Everything but the window: banded equations (diagonal first, then what is before it) and their right-hand side.
+fn smoothness(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> ([[f64; BAND]; AHEAD], [f64; AHEAD]) {
+    let (mut matrix, mut right) = ([[0.0; BAND]; AHEAD], [0.0; AHEAD]);
+    let pace = tuning.drag_hz * std::f64::consts::TAU * ahead.tick_s;
+    let mut speed: Form = [0.0, 0.0, 0.0, 0.0, motion.speed];
+    let mut acceleration: Form = [0.0, 0.0, 0.0, 0.0, motion.acceleration];
+    let mut step_before = motion.ticks.max(1e-3);
+    for i in 0..AHEAD {
+        let step = if i == 0 { ticks } else { 1.0 };
+        let middle = 0.5 * (step + step_before);
+        let mut place: Form = [0.0, 0.0, -1.0, 1.0, 0.0];
+        if i == 0 {
+            place = [0.0, 0.0, 0.0, 1.0, -motion.place];
+        }
+        let v: Form = place.map(|value| value / step);
+        let a = minus(v, before(speed), middle);
+        let j = minus(a, before(acceleration), middle);
+        for (form, weight) in [(a, middle), (j, tuning.jerk * middle), (v, pace * pace * step)] {
+            for p in 0..BAND {
+                if form[p] == 0.0 || i + p < BAND - 1 {
+                    continue;
+                }
+                let row = i + p + 1 - BAND;
+                right[row] -= weight * form[p] * form[4];
+                for q in 0..=p {
+                    if i + q + 1 >= BAND {
+                        matrix[row][p - q] += weight * form[p] * form[q];
+                    }
+                }
+            }
+        }
+        (speed, acceleration, step_before) = (v, a, step);
+    }
+    (matrix, right)
+}
+
+/// Solves banded symmetric positive definite equations; the solution takes the right-hand side's place.
+fn solve(matrix: &mut [[f64; BAND]; AHEAD], x: &mut [f64; AHEAD]) {
+    for i in 0..AHEAD {
+        for d in (1..BAND.min(i + 1)).rev() {
+            let j = i - d;
+            let mut sum = matrix[i][d];
+            for e in d + 1..BAND.min(i + 1) {
+                sum -= matrix[i][e] * matrix[j][e - d];
+            }
+            matrix[i][d] = sum / matrix[j][0];
+        }
+        let mut sum = matrix[i][0];
+        for d in 1..BAND.min(i + 1) {
+            sum -= matrix[i][d] * matrix[i][d];
+        }
+        matrix[i][0] = sum.max(1e-12).sqrt();
+        let mut value = x[i];
+        for d in 1..BAND.min(i + 1) {
+            value -= matrix[i][d] * x[i - d];
+        }
+        x[i] = value / matrix[i][0];
+    }
+    for i in (0..AHEAD).rev() {
+        x[i] /= matrix[i][0];
+        for d in 1..BAND.min(i + 1) {
+            x[i - d] -= matrix[i][d] * x[i];
+        }
+    }
+}
