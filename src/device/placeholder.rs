@@ -26,7 +26,9 @@ pub fn draw(canvas: &mut PictureMut<'_>) {
         for (x, sample) in canvas.planes[0].row_mut(y).iter_mut().enumerate() {
             let dx = x as f32 + 0.5 - 0.5 * width;
             let ground = GROUND[0] + (GROUND[1] - GROUND[0]) * (dx * dx + dy * dy) / corner;
-            *sample = (ground + (MARK - ground) * coverage(dx / radius, dy / radius, radius)) as u8;
+            // Whole numbers alone would draw rings: the fraction decides by place.
+            let dither = ((37 * x + 61 * y) % 97) as f32 / 97.0;
+            *sample = (ground + (MARK - ground) * coverage(dx / radius, dy / radius, radius) + dither) as u8;
         }
     }
     for (plane, chroma) in canvas.planes[1..].iter_mut().zip(CHROMA) {

@@ -17,8 +17,6 @@ use super::node::Node;
 const CONTROL: &str = "/dev/v4l2loopback";
 /// The label of a device that was not asked for by one.
 const LABEL: &str = "gimbald";
-/// Buffers of a new device: a reader that is late finds its picture whole.
-const BUFFERS: i32 = 8;
 /// How long its node may take to appear, and how often it is looked for.
 const APPEARS: (u32, Duration) = (100, Duration::from_millis(20));
 
@@ -75,6 +73,7 @@ struct Request {
     max_width: u32,
     min_height: u32,
     max_height: u32,
+    /// As many as the module was loaded with: 0.13 refuses to show a buffer beyond those, though it gives it.
     max_buffers: i32,
     max_openers: i32,
     debug: i32,
@@ -93,7 +92,7 @@ impl Request {
         // Cut between letters, with room for the zero at the end.
         let end = (0..label.len()).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0).min(text.len());
         label[..end].copy_from_slice(&text.as_bytes()[..end]);
-        Self { number, unused: number, label, max_buffers: BUFFERS, ..Self::default() }
+        Self { number, unused: number, label, ..Self::default() }
     }
 }
 
