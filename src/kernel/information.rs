@@ -2,6 +2,9 @@
 
 use super::{Level, dispatch};
 
+/// Points of a measurement, at most; further ones are left out.
+pub const MOST_POINTS: usize = 8;
+
 /// Adds `weight of p * weight of q * inner` to the block of unknowns 4 p.. and 4 q.. of a symmetric matrix, for each two of `points`
 /// (number and weight), where q is not above p: the lower triangle. Rows of `matrix` are `stride` apart. Points outside the matrix
 /// are left out.
@@ -11,18 +14,30 @@ pub fn add_blocks(level: Level, matrix: &mut [f64], stride: usize, points: &[(us
 
 #[inline(always)]
 fn add_body(matrix: &mut [f64], stride: usize, points: &[(usize, f64)], inner: &[[f64; 4]; 4]) {
+    // plain loops: a closure would be compiled on its own, without the caller's instruction set
+    let points = &points[..points.len().min(MOST_POINTS)];
     for &(p, wp) in points {
-        for (c, inner) in inner.iter().enumerate() {
-            let Some(row) = matrix.get_mut((4 * p + c) * stride..).and_then(|rest| rest.get_mut(..stride)) else { return };
-            let blocks = row.as_chunks_mut::<4>().0;
-            for &(q, wq) in points {
-                if q > p {
-                    continue;
-                }
-                let Some(block) = blocks.get_mut(q) else { continue };
-                let weight = wp * wq;
-                for i in 0..4 {
-                    block[i] += weight * inner[i];
+        // the blocks of this row, and their weights
+        let (mut columns, mut weights, mut count) = ([0usize; MOST_POINTS], [0.0; MOST_POINTS], 0);
+        for &(q, wq) in points {
+            if q <= p {
+                columns[count] = 4 * q;
+                weights[count] = wp * wq;
+                count += 1;
+            }
+        }
+        for c in 0..4 {
+            let first = (4 * p + c) * stride;
+            if first + stride > matrix.len() {
+                return;
+            }
+            let row = &mut matrix[first..first + stride];
+            for k in 0..count {
+                if columns[k] + 4 <= stride {
+                    let block = &mut row[columns[k]..columns[k] + 4];
+                    for i in 0..4 {
+                        block[i] += weights[k] * inner[c][i];
+                    }
                 }
             }
         }
