@@ -5,7 +5,6 @@
 
 pub mod convert;
 pub mod corner;
-pub mod information;
 pub mod lk;
 pub mod pyramid;
 pub mod warp;
