@@ -1,4 +1,4 @@
-//! `cargo bench`: every kernel at every level beside a copy of the same bytes, then whole frames through the pipeline.
+//! `cargo bench`: every kernel at every level beside a copy of the same bytes, then whole frames through the pipeline, then live.
 //!
 //! Words on the command line pick what is measured by name (`cargo bench -- warp frames`). What is printed is also kept, as text and
 //! as JSON, in `target/bench/`; the run before is kept as `*.before`, to compare with. Medians; ratios count, machines differ.
@@ -6,6 +6,7 @@
 mod clip;
 mod frames;
 mod kernels;
+mod paced;
 
 use serde_json::{Map, Value, json};
 use std::fs;
@@ -43,6 +44,7 @@ fn main() {
     };
     kernels::measure(&mut record);
     frames::measure(&mut record);
+    paced::measure(&mut record);
     if record.measuring {
         keep("speed.txt", &record.text);
         keep("speed.json", &format!("{:#}\n", json!(record.values)));

@@ -42,15 +42,15 @@ pub fn strongest(
     }
     let (w, h) = (x1 - x0, y1 - y0);
     let mut strengths = [[0.0; MOST]; MOST];
-    measure(level, plane, [x0, y0], [w, h], &mut strengths);
+    let mut strongest = [0.0; MOST];
+    measure(level, plane, [x0, y0], [w, h], &mut strengths, &mut strongest);
     let mut best: Option<Corner> = None;
     for (j, row) in strengths[..h].iter().enumerate() {
-        let row = &row[..w];
         // most rows hold nothing better
-        if best.is_some_and(|best| !row.iter().any(|&strength| strength > best.strength)) {
+        if best.is_some_and(|best| strongest[j] <= best.strength) {
             continue;
         }
-        for (i, &strength) in row.iter().enumerate() {
+        for (i, &strength) in row[..w].iter().enumerate() {
             if best.is_none_or(|best| strength > best.strength) && allowed(x0 + i, y0 + j) {
                 best = Some(Corner { x: x0 + i, y: y0 + j, strength });
             }
@@ -59,55 +59,93 @@ pub fn strongest(
     best
 }
 
-/// Measures the smaller eigenvalue at each place of a rectangle that lies [`REACH`] + 1 pixels within the plane.
-fn measure(level: Level, plane: PlaneRef<'_>, from: [usize; 2], size: [usize; 2], strengths: &mut [[f32; MOST]; MOST]) {
-    dispatch!(level, measure_body(plane: PlaneRef<'_>, from: [usize; 2], size: [usize; 2], strengths: &mut [[f32; MOST]; MOST]))
+/// The smaller eigenvalue at each place of a rectangle, row by row.
+type Strengths = [[f32; MOST]; MOST];
+
+/// Measures the smaller eigenvalue at each place of a rectangle that lies [`REACH`] + 1 pixels within the plane, and each row's
+/// largest.
+fn measure(
+    level: Level,
+    plane: PlaneRef<'_>,
+    from: [usize; 2],
+    size: [usize; 2],
+    all: &mut Strengths,
+    largest: &mut [f32; MOST],
+) {
+    dispatch!(
+        level,
+        measure_body(
+            plane: PlaneRef<'_>,
+            from: [usize; 2],
+            size: [usize; 2],
+            all: &mut Strengths,
+            largest: &mut [f32; MOST],
+        )
+    )
 }
 
 #[inline(always)]
-fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], strengths: &mut [[f32; MOST]; MOST]) {
-    let used = w + 2 * REACH;
-    let wide = used.next_multiple_of(GROUP).min(WIDE);
+fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], all: &mut Strengths, largest: &mut [f32; MOST]) {
+    const SIDE: usize = 2 * REACH + 1;
+    let used = w + 2 * REACH + 2;
+    let wide = (w + 2 * REACH).next_multiple_of(GROUP).min(WIDE);
     let places = w.next_multiple_of(GROUP).min(MOST);
-    // gradient products, summed along columns first (a running sum), then along rows
-    let mut products = [[[0i32; WIDE]; MOST + 2 * REACH]; 3];
+    let mut rows = [[0u8; WIDE + 2]; 3];
+    for (j, row) in rows[..2].iter_mut().enumerate() {
+        row[..used].copy_from_slice(&plane.row(y0 + j - REACH - 1)[x0 - REACH - 1..][..used]);
+    }
+    // gradient products of the window's rows, summed along columns first (a running sum), then along rows
+    let mut products = [[[0i32; WIDE]; 3]; SIDE];
     let mut columns = [[0i32; WIDE]; 3];
     for j in 0..h + 2 * REACH {
-        let rows = [0, 1, 2].map(|k| {
-            let mut row = [0u8; WIDE + 2];
-            row[..used + 2].copy_from_slice(&plane.row(y0 + j + k - REACH - 1)[x0 - REACH - 1..][..used + 2]);
-            row
-        });
-        let [xx, xy, yy] = products.each_mut().map(|product| &mut product[j]);
-        for i in 0..wide {
-            let gx = i32::from(rows[1][i + 2]) - i32::from(rows[1][i]);
-            let gy = i32::from(rows[2][i + 1]) - i32::from(rows[0][i + 1]);
-            xx[i] = gx * gx;
-            xy[i] = gx * gy;
-            yy[i] = gy * gy;
-        }
-        for (column, product) in columns.iter_mut().zip(&products) {
-            for i in 0..wide {
-                column[i] += product[j][i];
+        rows[(j + 2) % 3][..used].copy_from_slice(&plane.row(y0 + j + 1 - REACH)[x0 - REACH - 1..][..used]);
+        let (above, here, below) = (&rows[j % 3], &rows[(j + 1) % 3], &rows[(j + 2) % 3]);
+        // in place of the row that leaves the window
+        let [xx, xy, yy] = &mut products[j % SIDE];
+        let [sum_xx, sum_xy, sum_yy] = &mut columns;
+        for at in (0..wide).step_by(GROUP) {
+            let (left, right) = (&here[at..at + GROUP], &here[at + 2..at + 2 + GROUP]);
+            let (above, below) = (&above[at + 1..at + 1 + GROUP], &below[at + 1..at + 1 + GROUP]);
+            let (xx, sum_xx) = (&mut xx[at..at + GROUP], &mut sum_xx[at..at + GROUP]);
+            let (xy, sum_xy) = (&mut xy[at..at + GROUP], &mut sum_xy[at..at + GROUP]);
+            let (yy, sum_yy) = (&mut yy[at..at + GROUP], &mut sum_yy[at..at + GROUP]);
+            for i in 0..GROUP {
+                let gx = i32::from(right[i]) - i32::from(left[i]);
+                let gy = i32::from(below[i]) - i32::from(above[i]);
+                sum_xx[i] += gx * gx - xx[i];
+                sum_xy[i] += gx * gy - xy[i];
+                sum_yy[i] += gy * gy - yy[i];
+                xx[i] = gx * gx;
+                xy[i] = gx * gy;
+                yy[i] = gy * gy;
             }
         }
         let Some(j) = j.checked_sub(2 * REACH) else { continue };
-        let mut sums = [[0i32; MOST]; 3];
-        for (sums, column) in sums.iter_mut().zip(&columns) {
-            for i in 0..places {
-                let c = &column[i..i + 2 * REACH + 1];
-                sums[i] = (c[0] + c[1]) + (c[2] + c[3]) + (c[4] + c[5]) + c[6];
+        for at in (0..places).step_by(GROUP) {
+            let mut sums = [[0i32; GROUP]; 3];
+            for k in 0..3 {
+                let c = &columns[k][at..at + GROUP + 2 * REACH];
+                for i in 0..GROUP {
+                    sums[k][i] = (c[i] + c[i + 1]) + (c[i + 2] + c[i + 3]) + (c[i + 4] + c[i + 5]) + c[i + 6];
+                }
+            }
+            let out = &mut all[j][at..at + GROUP];
+            for i in 0..GROUP {
+                // central differences were not halved: a quarter
+                let xx = sums[0][i] as f32 * (0.25 / AREA);
+                let xy = sums[1][i] as f32 * (0.25 / AREA);
+                let yy = sums[2][i] as f32 * (0.25 / AREA);
+                out[i] = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
             }
         }
-        for i in 0..places {
-            // central differences were not halved: a quarter
-            let [xx, xy, yy] = [0, 1, 2].map(|k: usize| sums[k][i] as f32 * (0.25 / AREA));
-            strengths[j][i] = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
+        let mut lanes = [0.0f32; GROUP];
+        for (n, strength) in all[j][..w].iter().enumerate() {
+            let lane = &mut lanes[n % GROUP];
+            *lane = if *strength > *lane { *strength } else { *lane };
         }
-        for (column, product) in columns.iter_mut().zip(&products) {
-            for i in 0..wide {
-                column[i] -= product[j][i];
-            }
+        largest[j] = 0.0;
+        for lane in lanes {
+            largest[j] = if lane > largest[j] { lane } else { largest[j] };
         }
     }
 }
@@ -144,7 +182,7 @@ mod tests {
             plane.samples_mut().iter_mut().for_each(|sample| *sample = noise());
             let plane = plane.as_ref();
             for (from, size) in [([0, 0], [32, 32]), ([5, 3], [13, 40]), ([0, 9], [64, 7]), ([11, 5], [5, 32])] {
-                let allowed = |x: usize, y: usize| (x + 2 * y) % 3 != 0;
+                let allowed = |x: usize, y: usize| !(x + 2 * y).is_multiple_of(3);
                 let mut best: Option<Corner> = None;
                 for y in from[1].max(4)..(from[1] + size[1].min(MOST)).min(height - 4) {
                     for x in from[0].max(4)..(from[0] + size[0].min(MOST)).min(width - 4) {

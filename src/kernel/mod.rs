@@ -5,7 +5,6 @@
 
 pub mod convert;
 pub mod corner;
-pub mod information;
 pub mod lk;
 pub mod pyramid;
 pub mod warp;
@@ -32,10 +31,15 @@ impl Level {
     /// What every processor has.
     pub const SCALAR: Self = Self(Set::Scalar);
 
-    /// The best level of this processor, capped by [`LEVEL_VARIABLE`] (an unknown word there caps nothing). Found once.
+    /// The best level of this processor, capped by [`LEVEL_VARIABLE`] (an unknown word there caps nothing). Found, and told of in
+    /// the log, once.
     pub fn detected() -> Self {
         static FOUND: OnceLock<Level> = OnceLock::new();
-        *FOUND.get_or_init(|| Self::capped(std::env::var(LEVEL_VARIABLE).ok().as_deref()))
+        *FOUND.get_or_init(|| {
+            let level = Self::capped(std::env::var(LEVEL_VARIABLE).ok().as_deref());
+            tracing::info!(simd = level.name(), best = Self::best().name(), "pixel loops");
+            level
+        })
     }
 
     /// Whether [`LEVEL_VARIABLE`] says something that is known, or nothing.

@@ -108,8 +108,8 @@ impl Tracker {
     /// Follows `features` from `before` into `now`. Those that are found move on, the others go; `now.context.tracks` gets one
     /// track each, in the same order. Pictures of different size have no tracks.
     ///
-    /// A point begins where a neighbour found before it moved, on the picture itself. Where there is none, where it is not found so
-    /// or moved otherwise, it is looked for from the coarsest level down; where that fails too, once more from where the found
+    /// A point begins where a neighbour found before it moved, on the picture itself. Where there is none, where it is not found so,
+    /// not surely or moved otherwise, it is looked for from the coarsest level down; where that fails too, once more from where the found
     /// ones moved: a jerk leaves many of them outside the reach of the coarsest level.
     pub fn follow(&mut self, before: &Frame, now: &mut Frame, features: &mut Vec<Feature>) {
         let Frame { picture, pyramid, context, .. } = now;
@@ -119,43 +119,13 @@ impl Tracker {
             features.clear();
             return;
         }
-        let follow = match self.params.window {
-            ..=8 => follow_one::<8>,
-            9..=16 => follow_one::<16>,
-            _ => follow_one::<24>,
-        };
         let (old, new) = (Pyramids::of(before), Pyramids { luma: picture.luma(), levels: &pyramid.levels });
-        let size = [picture.width() as f32, picture.height() as f32];
-        let furthest = self.params.max_round_trip_px as f32;
-        let coarsest = old.levels.len();
-        let look = |at: [f32; 2], guess: [f32; 2], from: usize| {
-            follow(self.level, &old, &new, at, guess, from).filter(|found| {
-                let to = [at[0] + found.shift[0], at[1] + found.shift[1]];
-                found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
-            })
-        };
-        self.neighbours.begin(size);
-        self.found.clear();
-        for feature in features.iter() {
-            let guess = self.neighbours.shift(feature.at);
-            let near = |found: &Found, guess: [f32; 2]| (found.shift[0] - guess[0]).hypot(found.shift[1] - guess[1]) <= NEAR;
-            let found = guess
-                .and_then(|guess| look(feature.at, guess, 0).filter(|found| near(found, guess)))
-                .or_else(|| look(feature.at, [0.0; 2], coarsest));
-            if let Some(found) = &found {
-                self.neighbours.found(feature.at, found.shift);
-            }
-            self.found.push(found);
+        match self.params.window {
+            ..=8 => self.find::<8>(&old, &new, features),
+            9..=16 => self.find::<16>(&old, &new, features),
+            _ => self.find::<24>(&old, &new, features),
         }
-        let lost = self.found.iter().filter(|found| found.is_none()).count();
-        if let Some(guess) = median_shift(&self.found, &mut self.shifts)
-            && guess[0].hypot(guess[1]) > LEAST_GUESS
-            && lost * 8 > features.len()
-        {
-            for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
-                *found = look(feature.at, guess, coarsest);
-            }
-        }
+        let size = new.size();
         let mut found = self.found.iter();
         features.retain_mut(|feature| {
             let Some(Found { shift, centroid, sigma, .. }) = found.next().and_then(Option::as_ref) else { return false };
@@ -181,11 +151,56 @@ impl Tracker {
             true
         });
     }
+
+    /// Looks for each feature: `self.found` has what became of it, in the same order.
+    fn find<const N: usize>(&mut self, old: &Pyramids<'_>, new: &Pyramids<'_>, features: &[Feature]) {
+        let (level, size) = (self.level, new.size());
+        let furthest = self.params.max_round_trip_px as f32;
+        let coarsest = old.levels.len();
+        let mut template = lk::Template::<N>::default();
+        let mut look = |at: [f32; 2], guess: [f32; 2], from: usize| {
+            follow_one(level, &mut template, [old, new], at, guess, from).filter(|found| {
+                let to = [at[0] + found.shift[0], at[1] + found.shift[1]];
+                found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
+            })
+        };
+        self.neighbours.begin(size);
+        self.found.clear();
+        for (i, feature) in features.iter().enumerate() {
+            if let Some(next) = features.get(i + 1) {
+                let [x, y] = self.neighbours.shift(next.at).unwrap_or_default();
+                lk::expect(old.luma, next.at, N);
+                lk::expect(new.luma, [next.at[0] + x, next.at[1] + y], N);
+            }
+            let near = |found: &Found, guess: [f32; 2]| {
+                found.sigma <= SHARP && (found.shift[0] - guess[0]).hypot(found.shift[1] - guess[1]) <= NEAR
+            };
+            let found = self
+                .neighbours
+                .shift(feature.at)
+                .and_then(|guess| look(feature.at, guess, 0).filter(|found| near(found, guess)))
+                .or_else(|| look(feature.at, [0.0; 2], coarsest));
+            if let Some(found) = &found {
+                self.neighbours.found(feature.at, found.shift);
+            }
+            self.found.push(found);
+        }
+        let lost = self.found.iter().filter(|found| found.is_none()).count();
+        if let Some(guess) = median_shift(&self.found, &mut self.shifts)
+            && guess[0].hypot(guess[1]) > LEAST_GUESS
+            && lost * 8 > features.len()
+        {
+            for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
+                *found = look(feature.at, guess, coarsest);
+            }
+        }
+    }
 }
 
-/// A point that ends no further than this from where a neighbour's motion takes it was found so (pixels); patches that look alike
-/// are further apart.
-const NEAR: f32 = 2.0;
+/// A point that ends no further than this from where a neighbour's motion takes it was found so (pixels), if its place is known as
+/// well as this (standard deviation, pixels). In noise, and where something moves on its own, only the pyramid tells what is what.
+const NEAR: f32 = 1.5;
+const SHARP: f32 = 0.06;
 
 /// How the points moved that were found last in each part of the picture.
 #[derive(Debug, Default)]
@@ -250,48 +265,52 @@ impl<'a> Pyramids<'a> {
         Self { luma: frame.picture.luma(), levels: &frame.pyramid.levels }
     }
 
+    /// Width and height of the picture.
+    fn size(&self) -> [f32; 2] {
+        [self.luma.width() as f32, self.luma.height() as f32]
+    }
+
     /// Level `i`; 0 is the picture.
     fn plane(&self, i: usize) -> PlaneRef<'a> {
         if i == 0 { self.luma } else { self.levels[i - 1].as_ref() }
     }
 }
 
-/// Follows the point `at` forth and back, from level `from` down; the way back begins at the opposite of `guess`, not where the way
-/// forth ended, or it would prove nothing.
+/// Follows the point `at` forth and back between two pictures (the older first), from level `from` down; the way back begins at the
+/// opposite of `guess`, not where the way forth ended, or it would prove nothing.
 fn follow_one<const N: usize>(
     level: Level,
-    old: &Pyramids<'_>,
-    new: &Pyramids<'_>,
+    template: &mut lk::Template<N>,
+    [old, new]: [&Pyramids<'_>; 2],
     at: [f32; 2],
     guess: [f32; 2],
     from: usize,
 ) -> Option<Found> {
-    let forth = descend::<N>(level, old, new, at, guess, from)?;
+    let forth = descend(level, template, [old, new], at, guess, from)?;
     let there = [at[0] + forth.shift[0], at[1] + forth.shift[1]];
-    let back = descend::<N>(level, new, old, there, guess.map(|g| -g), from)?;
+    let back = descend(level, template, [new, old], there, guess.map(|g| -g), from)?;
     let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
     let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
     let centroid = [0, 1].map(|i: usize| 0.5 * (forth.centroid[i] + back.centroid[i]));
     Some(Found { shift, centroid, round_trip: apart[0].hypot(apart[1]), sigma: forth.sigma })
 }
 
-/// Follows a point from level `from` to the finest; `None` where it is lost.
+/// Follows a point of the first picture in the other from level `from` to the finest; `None` where it is lost.
 fn descend<const N: usize>(
     level: Level,
-    old: &Pyramids<'_>,
-    new: &Pyramids<'_>,
+    template: &mut lk::Template<N>,
+    [old, new]: [&Pyramids<'_>; 2],
     at: [f32; 2],
     guess: [f32; 2],
     from: usize,
 ) -> Option<Way> {
-    let mut template = lk::Template::<N>::default();
     let mut way = Way { shift: guess, centroid: [0.0; 2], sigma: f32::INFINITY };
     for i in (0..=from).rev() {
         let scale = 1.0 / (1u32 << i) as f32;
         let here = at.map(|c| (c + 0.5) * scale - 0.5);
         template.take(level, old.plane(i), here);
         let start = way.shift.map(|s| s * scale);
-        match align(level, &template, new.plane(i), here, start, SETTLED[i.min(1)]) {
+        match align(level, template, new.plane(i), here, start, SETTLED[i.min(1)]) {
             Some(found) => way = Way { shift: found.shift.map(|s| s / scale), ..found },
             // a coarse level may show nothing of what the finest one shows
             None if i > 0 => {}
@@ -304,7 +323,7 @@ fn descend<const N: usize>(
 /// Gauss-Newton on one level, in its pixels, from the shift `start` on.
 fn align<const N: usize>(
     level: Level,
-    template: &lk::Template<N>,
+    template: &mut lk::Template<N>,
     plane: PlaneRef<'_>,
     here: [f32; 2],
     start: [f32; 2],

@@ -21,6 +21,8 @@ pub const SIDES: [usize; 3] = [8, 16, 24];
 #[derive(Clone, Debug)]
 pub struct Template<const N: usize> {
     pixels: Pixels<N>,
+    /// Room for samples at the picture's edge.
+    scratch: [[u8; SCRATCH]; SCRATCH],
     /// Mean of each of the steepest-descent images: what rounding leaves of it.
     rest: [f32; 2],
     /// Gauss-Newton matrix (xx, xy, yy) of `descent`, grey levels^2 / pixel^2, summed over the patch.
@@ -53,7 +55,7 @@ pub struct Step {
 impl<const N: usize> Default for Template<N> {
     fn default() -> Self {
         let pixels = Pixels { value: [[0; N]; N], descent: [[[0; N]; N]; 2] };
-        Self { pixels, rest: [0.0; 2], gauss_newton: [0.0; 3], centroid: [0.0; 2] }
+        Self { pixels, scratch: [[0; SCRATCH]; SCRATCH], rest: [0.0; 2], gauss_newton: [0.0; 3], centroid: [0.0; 2] }
     }
 }
 
@@ -69,26 +71,56 @@ struct Window<'a> {
     y: i16,
 }
 
+/// The whole number at or below `x`, and what `x` has beyond it (1/32768). What is no number is 0.
+#[inline(always)]
+fn split(x: f32) -> (isize, i16) {
+    let towards_zero = x as i32;
+    let whole = if towards_zero as f32 > x { towards_zero.saturating_sub(1) } else { towards_zero };
+    (whole as isize, ((x - whole as f32) * 32768.0) as i16)
+}
+
 /// Gives `side` + 1 rows of `side` + 1 samples around (`x`, `y`), which lies at or right below the top-left one: of the plane itself
 /// where they lie inside, else of a scratch copy whose edges repeat.
 #[inline(always)]
 fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH], [x, y]: [f32; 2], side: usize) -> Window<'a> {
-    let (floor_x, floor_y) = (x.floor(), y.floor());
-    let [fx, fy] = [x - floor_x, y - floor_y].map(|part| (part * 32768.0) as i16);
-    let (left, top) = (floor_x as isize, floor_y as isize);
+    let ((left, x), (top, y)) = (split(x), split(y));
     let (w, h, n) = (plane.width() as isize, plane.height() as isize, side as isize + 1);
-    if left >= 0 && top >= 0 && left.saturating_add(n) <= w && top.saturating_add(n) <= h {
+    if left >= 0 && top >= 0 && left + n <= w && top + n <= h {
         let samples = &plane.samples()[top as usize * plane.stride() + left as usize..];
-        return Window { samples, stride: plane.stride(), x: fx, y: fy };
+        return Window { samples, stride: plane.stride(), x, y };
     }
     for (j, row) in scratch.iter_mut().enumerate().take(side + 1) {
-        let from = plane.row((top.saturating_add(j as isize)).clamp(0, h - 1) as usize);
+        let from = plane.row((top + j as isize).clamp(0, h - 1) as usize);
         for (i, sample) in row.iter_mut().enumerate().take(side + 1) {
-            *sample = from[(left.saturating_add(i as isize)).clamp(0, w - 1) as usize];
+            *sample = from[(left + i as isize).clamp(0, w - 1) as usize];
         }
     }
-    Window { samples: scratch.as_flattened(), stride: SCRATCH, x: fx, y: fy }
+    Window { samples: scratch.as_flattened(), stride: SCRATCH, x, y }
 }
+
+/// Asks for the samples of a patch of `side` around `centre` (x, y) to be brought near: they will be wanted soon.
+#[inline]
+pub fn expect(plane: PlaneRef<'_>, centre: [f32; 2], side: usize) {
+    let first = centre.map(|c| (c as isize - side as isize / 2 - 1).max(0) as usize);
+    let last = (first[1] + side + 3).min(plane.height());
+    for y in first[1]..last {
+        if let Some(sample) = plane.row(y).get(first[0]) {
+            near(sample);
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn near(sample: &u8) {
+    use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+    // SAFETY: a hint reads nothing; every x86-64 processor has it.
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(sample).cast()) }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn near(_: &u8) {}
 
 /// Sums over a patch: of the values less mid-grey (1/16 grey level) and of their squares, of the gradients (1/32 grey level a pixel)
 /// and of their products with the values.
@@ -148,9 +180,8 @@ impl<const N: usize> Template<N> {
     #[inline]
     pub fn take(&mut self, level: Level, plane: PlaneRef<'_>, centre: [f32; 2]) {
         let reach = (N as f32 + 1.0) / 2.0;
-        let mut scratch = [[0u8; SCRATCH]; SCRATCH];
         // one sample more on each side than the patch, for the central differences
-        let window = window(&plane, &mut scratch, centre.map(|c| c - reach), N + 2);
+        let window = window(&plane, &mut self.scratch, centre.map(|c| c - reach), N + 2);
         let moments = self.pixels.sample(level, window);
         let slopes = self.pixels.project(level, moments.projection((N * N) as f32));
         self.rest = slopes.sum.map(|sum| sum as f32 / (32 * N * N) as f32);
@@ -162,10 +193,9 @@ impl<const N: usize> Template<N> {
 
     /// Compares the template with `plane` around `centre` (x, y): the sums of one Gauss-Newton step.
     #[inline]
-    pub fn compare(&self, level: Level, plane: PlaneRef<'_>, centre: [f32; 2]) -> Step {
+    pub fn compare(&mut self, level: Level, plane: PlaneRef<'_>, centre: [f32; 2]) -> Step {
         let reach = (N as f32 - 1.0) / 2.0;
-        let mut scratch = [[0u8; SCRATCH]; SCRATCH];
-        let window = window(&plane, &mut scratch, centre.map(|c| c - reach), N);
+        let window = window(&plane, &mut self.scratch, centre.map(|c| c - reach), N);
         let compared = self.pixels.compare(level, window);
         let sum = compared.sum as f32 / 16.0;
         let rhs = [0, 1].map(|i: usize| compared.rhs[i] as f32 / 512.0 - self.rest[i] * sum);

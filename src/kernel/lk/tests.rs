@@ -24,7 +24,7 @@ fn plane(width: usize, height: usize, seed: u64, extreme: bool) -> Plane {
 }
 
 fn bits<const N: usize>(template: &Template<N>) -> (Vec<i16>, Vec<u32>) {
-    let Template { pixels, rest, gauss_newton, centroid } = template;
+    let Template { pixels, rest, gauss_newton, centroid, .. } = template;
     let mut whole = pixels.value.as_flattened().to_vec();
     pixels.descent.iter().for_each(|d| whole.extend(d.as_flattened()));
     (whole, rest.iter().chain(gauss_newton).chain(centroid).map(|f| f.to_bits()).collect())

@@ -7,7 +7,6 @@
 
 use super::normal::{G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
-use crate::kernel::{Level, information};
 
 /// Control points held at a time, at most.
 pub const MOST_POINTS: usize = N / 4;
@@ -309,8 +308,19 @@ impl Filter {
             for c in 0..4 {
                 self.full.right[4 * p + c] += wp * right[c];
             }
+            for &(q, wq) in touched {
+                if q > p {
+                    continue;
+                }
+                let weight = wp * wq;
+                for (c, inner) in inner.iter().enumerate() {
+                    let row = &mut self.full.matrix[(4 * p + c) * N + 4 * q..][..4];
+                    for (value, inner) in row.iter_mut().zip(inner) {
+                        *value += weight * inner;
+                    }
+                }
+            }
         }
-        information::add_blocks(Level::detected(), &mut self.full.matrix, N, touched, &inner);
     }
 
     /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
