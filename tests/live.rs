@@ -104,7 +104,7 @@ fn strength_zoom_and_mode_glide() {
         let start = Params::default();
         let ways = [
             ("strength", Params { smooth: weak, ..start }),
-            ("zoom", Params { crop: crop::Params { zoom: 1.3 }, ..start }),
+            ("zoom", Params { crop: crop::Params { zoom: 1.3, ..start.crop }, ..start }),
             ("mode", Params { smooth: iir(0.6), ..start }),
             ("cutoff", Params { smooth: iir(3.0), ..start }),
         ];
