@@ -144,7 +144,7 @@ mod tests {
             plane.samples_mut().iter_mut().for_each(|sample| *sample = noise());
             let plane = plane.as_ref();
             for (from, size) in [([0, 0], [32, 32]), ([5, 3], [13, 40]), ([0, 9], [64, 7]), ([11, 5], [5, 32])] {
-                let allowed = |x: usize, y: usize| (x + 2 * y) % 3 != 0;
+                let allowed = |x: usize, y: usize| !(x + 2 * y).is_multiple_of(3);
                 let mut best: Option<Corner> = None;
                 for y in from[1].max(4)..(from[1] + size[1].min(MOST)).min(height - 4) {
                     for x in from[0].max(4)..(from[0] + size[0].min(MOST)).min(width - 4) {
