@@ -28,7 +28,7 @@ fn all() -> [Params; 3] {
     [(Model::Cho2007, Parameters::TimeT), (Model::Cho2007, Parameters::TimeT1), (Model::Continuous, Parameters::TimeT)].map(
         |(model, parameters)| Params {
             shutter: shutter::Params { model, parameters },
-            crop: crop::Params { zoom: 1.2 },
+            crop: crop::Params { zoom: 1.2, ..Default::default() },
             ..Params::default()
         },
     )
