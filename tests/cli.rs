@@ -229,7 +229,15 @@ fn every_fault_of_the_settings_is_named_at_once() {
     let scratch = Scratch::new("settings");
     let config = scratch.file("g.toml");
     fs::write(&config, "[smooth]\ncutoff = 1\n[crop]\nzoom = 9\n").unwrap();
-    let words = ["3 faults", "g.toml:2", "smooth.cutoff_hz?", "g.toml:4", "crop.zoom = 9", "1 to 2 (ratio)", "--set: fit.form"];
+    let words = [
+        "3 faults",
+        "g.toml:2",
+        "smooth.cutoff_hz?",
+        "g.toml:4",
+        "crop.zoom = 9",
+        "1 to 2, or \"auto\" (ratio)",
+        "--set: fit.form",
+    ];
     bad(78, &words, &["replay", CAR, "-o", "null:", "--config", &config, "--set", "fit.form=bent"]);
     bad(78, &words[1..5], &["check", &config]);
     fs::write(&config, "[crop]\nzoom = 1.3\n").unwrap();

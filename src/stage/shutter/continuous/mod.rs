@@ -237,13 +237,16 @@ impl Continuous {
 
     /// Where the readout time (seconds) can be, by the [`Slope`].
     fn first_look(&self) -> [f64; 2] {
-        let most = LONGEST_READOUT;
-        let limits = self.slope.readout().map_or([-most, most], |(readout, deviation)| {
-            let off = LOOK_DEVIATIONS * deviation.hypot(LOOK_FLOOR + LOOK_SHARE * readout.abs());
+        let most = LONGEST_READOUT * self.interval_s;
+        self.slope.readout().map_or([-most, most], |(readout, deviation)| {
+            let off = LOOK_DEVIATIONS * deviation.hypot(LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
             // a look that sees next to nothing rules out nothing
-            if off > LOOK_BLIND { [-most, most] } else { [readout - off, readout + off].map(|edge| edge.clamp(-most, most)) }
-        });
-        limits.map(|edge| edge * self.interval_s)
+            if off > LOOK_BLIND * self.interval_s {
+                [-most, most]
+            } else {
+                [readout - off, readout + off].map(|edge| edge.clamp(-most, most))
+            }
+        })
     }
 
     /// The readout time is far from what was believed: `readout_s` is believed instead, and what it rested on forgotten.

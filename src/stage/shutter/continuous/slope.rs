@@ -3,7 +3,7 @@
 //! Between two frames row y moves by `P(t_b + readout y / H) - P(t_a + readout y / H)`, which changes from the first row to the last by
 //! `readout (P'(t_b) - P'(t_a))`. The hypotheses know that slope over the rows; the change of speed is half the difference of the
 //! turns of the pairs before and after. Both are turns, so that neither focal length nor anything else is asked: least squares give
-//! the readout time in frame intervals, with its sign. For shake of angular frequency w the differences of turns see
+//! the readout time, with its sign. For shake of angular frequency w the differences of turns see
 //! sin(wT) / (wT) of the change of speed; w is known from how much the turns bend (second difference: 4 sin(wT/2)^2 of the turn). For a mix of
 //! frequencies that is roughly right, so this is a first look, and no more.
 
@@ -31,7 +31,7 @@ struct Seen {
 pub struct Slope {
     /// The last two pairs, the newest last.
     last: [Seen; 2],
-    /// Sums of slope x change, change^2, slope^2, turn^2, bend^2, and of 1.
+    /// Sums of slope x change of speed, change^2, slope^2, turn^2, bend^2, and of 1.
     sums: [f64; 6],
 }
 
@@ -48,7 +48,7 @@ impl Slope {
         let keep = (-interval_s / MEMORY_S).exp();
         let mut news = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
         for i in 0..2 {
-            let change = 0.5 * (newest.turn[i] - first.turn[i]);
+            let change = 0.5 * (newest.turn[i] - first.turn[i]) / middle.interval_s;
             news[0] += middle.slope[i] * change;
             news[1] += change * change;
             news[2] += middle.slope[i] * middle.slope[i];
@@ -65,7 +65,7 @@ impl Slope {
         self.last = [Seen::default(); 2];
     }
 
-    /// Readout time in frame intervals, and its standard deviation.
+    /// Readout time and its standard deviation, seconds.
     pub fn readout(&self) -> Option<(f64, f64)> {
         let [across, change, slope, turn, bend, pairs] = self.sums;
         if pairs < LEAST_PAIRS || change <= 0.0 || turn <= 0.0 {
@@ -97,6 +97,7 @@ mod tests {
                 slope.take(turn, lean, interval);
             }
             let (found, deviation) = slope.readout().unwrap();
+            let (found, deviation) = (found / interval, deviation / interval);
             assert!((found - readout).abs() < 0.05 * readout.abs(), "{readout}: {found}");
             assert!(deviation < 0.1);
         }
