@@ -20,7 +20,7 @@ fn main() -> anyhow::Result<()> {
     for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
         generate_to(shell, &mut command, "gimbald", &directory)?;
     }
-    clap_mangen::generate_to(command, &directory)?;
+    clap_mangen::generate_to(Arguments::command().disable_help_subcommand(true), &directory)?;
     let page = directory.join("gimbald.toml.5");
     std::fs::write(&page, configuration()).with_context(|| format!("cannot write {}", page.display()))
 }

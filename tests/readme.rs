@@ -35,7 +35,7 @@ fn files_that_it_names_are_there() {
     let mut named = 0;
     for word in README.split(|c: char| c.is_whitespace() || "`()".contains(c)) {
         let word = word.trim_end_matches([',', '.', ';', ':']);
-        let ours = ["src/", "tests/", "config/", "systemd/", "fixtures/", "packaging/", ".ci/"];
+        let ours = ["src/", "tests/", "config/", "systemd/", "fixtures/", ".ci/"];
         if ours.iter().any(|directory| word.starts_with(directory)) {
             assert!(root.join(word).exists(), "{word} is not there");
             named += 1;
