@@ -46,8 +46,11 @@ const LONGEST_READOUT: f64 = 1.0;
 const LOOK_DEVIATIONS: f64 = 2.0;
 const LOOK_FLOOR: f64 = 0.03;
 const LOOK_SHARE: f64 = 0.1;
-/// Width from which it rules out nothing (frame intervals).
+/// Change of the turn from pair to pair that it asks for, pixels.
+const LOOK_LEAST_PX: f64 = 0.7;
+/// Uncertainty from which it sees little (frame intervals), and the factor on it then.
 const LOOK_BLIND: f64 = 0.4;
+const LOOK_DOUBT: f64 = 1.5;
 /// How far off it the readout time must be to be found out anew (frame intervals).
 const FAR: f64 = 0.25;
 /// Fields of view that a camera may have (degrees): what is found out stays between.
@@ -93,6 +96,8 @@ pub struct Continuous {
     globals: Globals,
     agreement: Agreement,
     slope: Slope,
+    /// Whether the path is to begin anew: its rows were timed by a readout that was far off.
+    anew: bool,
     newest: Motion,
 }
 
@@ -118,6 +123,7 @@ impl Continuous {
             globals: Globals::default(),
             agreement: Agreement::default(),
             slope: Slope::default(),
+            anew: false,
             newest: Motion { rows: RowMotion::default(), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0, rows_part: 1.0 },
         }
     }
@@ -133,6 +139,7 @@ impl Continuous {
         self.scale_px = LEAST_SCALE_PX;
         self.agreement = Agreement::default();
         self.slope = Slope::default();
+        self.anew = false;
         self.newest =
             Motion { rows: self.rows(|_| [0.0; 4]), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0, rows_part: 1.0 };
     }
@@ -165,7 +172,8 @@ impl Continuous {
         self.now_s += pair.interval_s;
         let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
-        let restarted = changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
+        let anew = std::mem::take(&mut self.anew);
+        let restarted = anew || changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
         if self.interval_s == 0.0 {
             self.expect(pair.interval_s);
         }
@@ -174,6 +182,9 @@ impl Continuous {
         if restarted || !self.filter.extend_to(last_s) {
             let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
+            if anew {
+                self.filter.forget_globals();
+            }
             self.filter.extend_to(last_s);
             self.filter.pin(before_s + self.middle(), self.newest.path);
         }
@@ -240,12 +251,9 @@ impl Continuous {
         let most = LONGEST_READOUT * self.interval_s;
         self.slope.readout().map_or([-most, most], |(readout, deviation)| {
             let off = LOOK_DEVIATIONS * deviation.hypot(LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
-            // a look that sees next to nothing rules out nothing
-            if off > LOOK_BLIND * self.interval_s {
-                [-most, most]
-            } else {
-                [readout - off, readout + off].map(|edge| edge.clamp(-most, most))
-            }
+            // a look that sees little rules out little
+            let off = if off > LOOK_BLIND * self.interval_s { LOOK_DOUBT * off } else { off };
+            [readout - off, readout + off].map(|edge| edge.clamp(-most, most))
         })
     }
 
@@ -257,6 +265,7 @@ impl Continuous {
         self.globals = Globals::new([READOUT_SPREAD * self.interval_s, log_focal]);
         self.filter.forget_globals();
         self.agreement = Agreement::default();
+        self.anew = true;
     }
 
     /// Takes over what the last pair said of the camera, and starts from there.
@@ -363,7 +372,8 @@ impl Continuous {
             *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             ((u128::from(*random) * below as u128) >> 64) as usize
         });
-        self.slope.take([turn[0], turn[3], turn[6], turn[7]], [turn[1], turn[4], 0.0, 0.0], self.interval_s);
+        let least = LOOK_LEAST_PX / self.camera.focal;
+        self.slope.take([turn[0], turn[3], turn[6], turn[7]], [turn[1], turn[4], 0.0, 0.0], self.interval_s, least);
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         // a picture that hardly moves says nothing of the camera, but its noise would

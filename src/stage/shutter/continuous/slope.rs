@@ -36,8 +36,9 @@ pub struct Slope {
 }
 
 impl Slope {
-    /// Takes in a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at.
-    pub fn take(&mut self, turn: Pose, slope: Pose, interval_s: f64) {
+    /// Takes in a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at. Changes of the turn below
+    /// `least` (radians) are noise, which would pull the readout time to nothing.
+    pub fn take(&mut self, turn: Pose, slope: Pose, interval_s: f64, least: f64) {
         let newest = Seen { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
         let [first, middle] = self.last;
         self.last = [middle, newest];
@@ -45,10 +46,14 @@ impl Slope {
         if !even(first.interval_s, middle.interval_s) || !even(middle.interval_s, newest.interval_s) {
             return;
         }
+        let changes: [f64; 2] = std::array::from_fn(|i| 0.5 * (newest.turn[i] - first.turn[i]));
+        if changes[0].hypot(changes[1]) < least {
+            return;
+        }
         let keep = (-interval_s / MEMORY_S).exp();
         let mut news = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
         for i in 0..2 {
-            let change = 0.5 * (newest.turn[i] - first.turn[i]) / middle.interval_s;
+            let change = changes[i] / middle.interval_s;
             news[0] += middle.slope[i] * change;
             news[1] += change * change;
             news[2] += middle.slope[i] * middle.slope[i];
@@ -94,7 +99,7 @@ mod tests {
                 let by = |f: &dyn Fn(f64) -> [f64; 2], c: usize| f(b)[c] - f(a)[c];
                 let turn = [by(&path, 0), by(&path, 1), 0.0, 0.0];
                 let lean = [readout * interval * by(&speed, 0), readout * interval * by(&speed, 1), 0.0, 0.0];
-                slope.take(turn, lean, interval);
+                slope.take(turn, lean, interval, 1e-5);
             }
             let (found, deviation) = slope.readout().unwrap();
             let (found, deviation) = (found / interval, deviation / interval);
@@ -107,7 +112,7 @@ mod tests {
     fn a_still_camera_says_nothing() {
         let mut slope = Slope::default();
         for _ in 0..90 {
-            slope.take([0.0; 4], [0.0; 4], 1.0 / 30.0);
+            slope.take([0.0; 4], [0.0; 4], 1.0 / 30.0, 1e-5);
         }
         assert_eq!(slope.readout(), None);
     }
