@@ -5,6 +5,7 @@ the machine is (1).
 """
 import glob
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -28,6 +29,9 @@ BYTES = {"yuyv": WIDTH * HEIGHT * 2, "i420": WIDTH * HEIGHT * 3 // 2, "nv12": WI
 
 def run(what, frame_bytes, frames, arguments):
     """A program that writes raw frames to its standard output: how many, and how many different bright ones."""
+    if not shutil.which(arguments[0]):
+        report.say(f"SKIPPED: {what}: {arguments[0]} is not installed")
+        return
     try:
         done = subprocess.run(arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=PATIENCE)
     except subprocess.TimeoutExpired:
