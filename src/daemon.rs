@@ -459,5 +459,5 @@ fn tell_of(screen: &Screen, desk: &Desk) {
         height: format.height,
     };
     let seats = screen.audience.seats().clone();
-    desk.tally.output(now, Box::new(move || seats.are_taken()));
+    desk.tally.output(now, Box::new(move || seats.count()));
 }

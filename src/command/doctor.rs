@@ -1,7 +1,7 @@
 //! `gimbald doctor`: what keeps gimbald from working here, or from working well, and the command that mends it.
 
 mod finding;
-mod machine;
+pub(super) mod machine;
 mod service;
 
 use std::path::{Path, PathBuf};

@@ -1,12 +1,13 @@
 //! `gimbald status`, `on`, `off`, `set`, `reload`: talks to a daemon that runs.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
 use serde_json::Value;
 
+use super::doctor::machine::Machine;
 use super::say::say;
 use super::settings::text_of;
 use super::{Exit, Failure};
@@ -112,8 +113,8 @@ impl Whom {
 }
 
 /// The instance whose configuration a path is: /etc/gimbald/NAME.toml.
-fn instance_of(path: &std::path::Path) -> Option<String> {
-    let of_instances = path.parent().is_some_and(|parent| parent == std::path::Path::new("/etc/gimbald"));
+fn instance_of(path: &Path) -> Option<String> {
+    let of_instances = path.parent().is_some_and(|parent| parent == Path::new("/etc/gimbald"));
     path.file_stem().filter(|_| of_instances).map(|name| name.to_string_lossy().into_owned())
 }
 
@@ -174,7 +175,12 @@ fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failur
     if args.json {
         return Ok(format!("{status}\n"));
     }
-    let status: Status = understood(status)?;
+    let mut status: Status = understood(status)?;
+    if let Some(output) = &status.output {
+        let (holders, _) = Machine::at(Path::new("/")).holders(Path::new(&output.path));
+        let others = holders.iter().filter(|holder| holder.pid != status.pid);
+        status.open_in = others.map(|holder| format!("{} ({})", holder.name, holder.pid)).collect();
+    }
     Ok(status.to_string())
 }
 
@@ -234,8 +240,8 @@ mod tests {
         assert_eq!(whom("desk").sockets().unwrap()[0], PathBuf::from("/run/gimbald-desk/control.sock"));
         assert!(whom("../../tmp/x").sockets().is_err());
         assert_eq!(Whom::default().sockets().unwrap()[0], PathBuf::from("/run/gimbald/control.sock"));
-        assert_eq!(instance_of(std::path::Path::new("/etc/gimbald/desk.toml")).as_deref(), Some("desk"));
-        assert_eq!(instance_of(std::path::Path::new("/etc/gimbald.toml")), None);
+        assert_eq!(instance_of(Path::new("/etc/gimbald/desk.toml")).as_deref(), Some("desk"));
+        assert_eq!(instance_of(Path::new("/etc/gimbald.toml")), None);
         assert_eq!((seconds("0.5"), seconds("nan").is_err(), seconds("0").is_err()), (Ok(0.5), true, true));
     }
 }

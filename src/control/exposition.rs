@@ -57,6 +57,9 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     if let Some(watched) = status.watched {
         text.gauge("watched", "Whether somebody watches the loopback.", f64::from(u8::from(watched)));
     }
+    if let Some(watchers) = status.watchers {
+        text.gauge("watchers", "How many programs watch the loopback, as far as v4l2loopback tells.", f64::from(watchers));
+    }
     text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
     let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;
     text.family("captured_frames_total", "counter", "Frames that cameras gave.");

@@ -29,6 +29,12 @@ pub struct Status {
     pub output: Option<OutputNow>,
     /// Whether somebody watches the loopback; `None` where there is none.
     pub watched: Option<bool>,
+    /// How many do. v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
+    /// often any loopback device is open beside the daemon's own opening, which is no less.
+    pub watchers: Option<u32>,
+    /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub open_in: Vec<String>,
     /// Frames sent a second, of late.
     pub fps: f64,
     /// Age of frames when they were sent, of late.
@@ -184,7 +190,15 @@ impl fmt::Display for Status {
             None => line("output", "not open")?,
         }
         if let Some(watched) = self.watched {
-            line("watched", if watched { "yes" } else { "by nobody" })?;
+            let by = match (watched, self.watchers) {
+                (false, _) => "by nobody".to_owned(),
+                (true, None) => "yes".to_owned(),
+                (true, Some(1)) => "by one program".to_owned(),
+                (true, Some(count)) => format!("by up to {count} programs"),
+            };
+            let open_in =
+                if self.open_in.is_empty() { String::new() } else { format!("; open in {}", self.open_in.join(", ")) };
+            line("watched", &(by + &open_in))?;
         }
         line("rate", &format!("{:.2} frames a second", self.fps))?;
         if let Some(Spread { p50, p99, max }) = self.latency_ms {
@@ -248,6 +262,9 @@ mod tests {
             latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
             drops: Drops { behind: 3, damaged: 1, ..Drops::default() },
             restart: vec!["camera.device".into()],
+            watched: Some(true),
+            watchers: Some(1),
+            open_in: vec!["zoom (12)".into()],
             ..Status::default()
         };
         let text = status.to_string();
@@ -257,6 +274,7 @@ mod tests {
             "99 % below 18.5 ms",
             "1 damaged, 3 given up",
             "camera.device",
+            "by one program; open in zoom (12)",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }

@@ -96,7 +96,7 @@ struct Now {
     camera: Option<CameraNow>,
     output: Option<OutputNow>,
     /// Says whether somebody watches.
-    watched: Option<Box<dyn Fn() -> bool + Send>>,
+    watchers: Option<Box<dyn Fn() -> u32 + Send>>,
 }
 
 impl std::fmt::Debug for Now {
@@ -136,7 +136,7 @@ impl Recent {
 impl Default for Tally {
     fn default() -> Self {
         let born = Instant::now();
-        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None, watched: None };
+        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None, watchers: None };
         Self {
             born,
             sent: AtomicU64::new(0),
@@ -227,16 +227,16 @@ impl Tally {
         self.calibration.iter().for_each(|kept| store(kept, 0.0));
     }
 
-    /// The loopback was opened; `watched` says whether somebody watches it.
-    pub fn output(&self, output: OutputNow, watched: Box<dyn Fn() -> bool + Send>) {
+    /// The loopback was opened; `watchers` says how many watch it.
+    pub fn output(&self, output: OutputNow, watchers: Box<dyn Fn() -> u32 + Send>) {
         let mut now = self.now();
-        (now.output, now.watched) = (Some(output), Some(watched));
+        (now.output, now.watchers) = (Some(output), Some(watchers));
     }
 
     /// The loopback was closed, or went away.
     pub fn no_output(&self) {
         let mut now = self.now();
-        (now.output, now.watched) = (None, None);
+        (now.output, now.watchers) = (None, None);
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -252,7 +252,8 @@ impl Tally {
             status.what.clone_from(&now.what);
             status.since_s = now.since.elapsed().as_secs_f64();
             (status.camera, status.output) = (now.camera.clone(), now.output.clone());
-            status.watched = now.watched.as_ref().map(|watched| watched());
+            status.watchers = now.watchers.as_ref().map(|watchers| watchers());
+            status.watched = status.watchers.map(|count| count > 0);
         }
         status.uptime_s = self.born.elapsed().as_secs_f64();
         status.fps = self.rate();

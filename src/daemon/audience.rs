@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -28,7 +28,7 @@ pub(super) struct Seats(Arc<Known>);
 
 #[derive(Debug, Default)]
 struct Known {
-    watched: AtomicBool,
+    count: AtomicU32,
     wanted: AtomicBool,
 }
 
@@ -52,18 +52,18 @@ impl Audience {
             move || {
                 let mut demand = Demand::new(linger);
                 while !over.is_set() {
-                    let watched = match viewers.wait(&bell, demand.stands(monotonic_ns())) {
-                        Ok(watched) => watched,
+                    let count = match viewers.wait(&bell, demand.stands(monotonic_ns())) {
+                        Ok(count) => count,
                         Err(error) => {
                             // Whoever writes to the device will find out what is wrong with it.
                             tracing::warn!(%error, "cannot tell any more who watches; the camera stays open");
-                            known.set(true, true, &wake);
+                            known.set(1, true, &wake);
                             return;
                         }
                     };
                     let now_ns = monotonic_ns();
-                    demand.see(watched, now_ns);
-                    known.set(watched, demand.wants(now_ns), &wake);
+                    demand.see(count > 0, now_ns);
+                    known.set(count, demand.wants(now_ns), &wake);
                 }
             }
         };
@@ -81,7 +81,12 @@ impl Audience {
 impl Seats {
     /// Whether somebody watches now.
     pub(super) fn are_taken(&self) -> bool {
-        self.0.watched.load(Relaxed)
+        self.count() > 0
+    }
+
+    /// How many watch, as [`Viewers::wait`] has it.
+    pub(super) fn count(&self) -> u32 {
+        self.0.count.load(Relaxed)
     }
 
     /// Whether the camera should be open for them.
@@ -89,8 +94,8 @@ impl Seats {
         self.0.wanted.load(Relaxed)
     }
 
-    fn set(&self, watched: bool, wanted: bool, wake: &Wake) {
-        let changed = self.0.watched.swap(watched, Relaxed) != watched;
+    fn set(&self, count: u32, wanted: bool, wake: &Wake) {
+        let changed = (self.0.count.swap(count, Relaxed) > 0) != (count > 0);
         if self.0.wanted.swap(wanted, Relaxed) != wanted || changed {
             wake.ring();
         }

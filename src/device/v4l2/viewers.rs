@@ -12,7 +12,8 @@ use super::super::DeviceError;
 use super::node::Node;
 use crate::rt::wake::Wake;
 
-/// v4l2loopback's V4L2_EVENT_PRI_CLIENT_USAGE: the first word is how many readers stream.
+/// v4l2loopback's V4L2_EVENT_PRI_CLIENT_USAGE: the first word is how many readers stream. The versions that send it serve one reader
+/// at a time, so it is 0 or 1.
 const CLIENT_USAGE: u32 = 0x0800_0000 + 0x08E0_0000 + 1;
 
 /// How many descriptors of all its devices are open, as the kernel counts them.
@@ -27,7 +28,7 @@ const LOOK_AGAIN: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub struct Viewers {
     way: Way,
-    watched: bool,
+    count: u32,
 }
 
 #[derive(Debug)]
@@ -50,14 +51,14 @@ impl Viewers {
     pub fn of(path: &Path) -> Result<Self, DeviceError> {
         let node = Node::open(path)?;
         match node.subscribe(CLIENT_USAGE) {
-            Ok(()) => Ok(Self { way: Way::Told(node), watched: false }),
+            Ok(()) => Ok(Self { way: Way::Told(node), count: 0 }),
             Err(Errno::INVAL | Errno::NOTTY) => {
                 drop(node);
                 let flags = inotify::CreateFlags::CLOEXEC | inotify::CreateFlags::NONBLOCK;
                 let watched = inotify::WatchFlags::OPEN | inotify::WatchFlags::CLOSE_WRITE | inotify::WatchFlags::CLOSE_NOWRITE;
                 let heard = inotify::init(flags).map_err(|errno| DeviceError::io(path, "listen at", errno.into()))?;
                 inotify::add_watch(&heard, path, watched).map_err(|errno| DeviceError::io(path, "listen at", errno.into()))?;
-                Ok(Self { way: Way::Counted { heard, since: Some(Instant::now()) }, watched: false })
+                Ok(Self { way: Way::Counted { heard, since: Some(Instant::now()) }, count: 0 })
             }
             Err(errno) => Err(node.error("listen at", errno)),
         }
@@ -69,17 +70,18 @@ impl Viewers {
         matches!(self.way, Way::Told(_))
     }
 
-    /// Waits until somebody begins or ceases to watch, `bell` rings or `patience` runs out; says whether anybody watches.
+    /// Waits until somebody begins or ceases to watch, `bell` rings or `patience` runs out; says how many watch. Where the module
+    /// tells: streaming readers. Where it is counted: openings of loopback devices beside this process's own, more than watch.
     ///
     /// # Errors
     /// Where the device is gone.
-    pub fn wait(&mut self, bell: &Wake, patience: Option<Duration>) -> Result<bool, DeviceError> {
+    pub fn wait(&mut self, bell: &Wake, patience: Option<Duration>) -> Result<u32, DeviceError> {
         let before = Instant::now();
         loop {
             let left = patience.map(|patience| patience.saturating_sub(before.elapsed()));
-            let (was, rung) = (self.watched, self.listen(bell, left)?);
-            if rung || self.watched != was || left.is_some_and(|left| left.is_zero()) {
-                return Ok(self.watched);
+            let (was, rung) = (self.count, self.listen(bell, left)?);
+            if rung || self.count != was || left.is_some_and(|left| left.is_zero()) {
+                return Ok(self.count);
             }
         }
     }
@@ -89,7 +91,7 @@ impl Viewers {
         let own = match &self.way {
             Way::Told(_) => None,
             Way::Counted { since: Some(since), .. } => Some(SETTLED.saturating_sub(since.elapsed())),
-            Way::Counted { since: None, .. } => self.watched.then_some(LOOK_AGAIN),
+            Way::Counted { since: None, .. } => (self.count > 0).then_some(LOOK_AGAIN),
         };
         let patience = match (left, own) {
             (Some(left), Some(own)) => Some(left.min(own)),
@@ -110,7 +112,7 @@ impl Viewers {
             Way::Told(node) => {
                 while let Some(event) = node.next_event().map_err(|errno| node.error("listen at", errno))? {
                     if event.kind == CLIENT_USAGE {
-                        self.watched = event.word > 0;
+                        self.count = event.word;
                     }
                 }
                 if heard.intersects(PollFlags::HUP | PollFlags::NVAL) {
@@ -126,7 +128,7 @@ impl Viewers {
                 } else if since.is_none_or(|since| since.elapsed() >= SETTLED) {
                     *since = None;
                     // One is this process's own. Where it cannot be counted, it is safer to show the picture.
-                    self.watched = open_count().is_none_or(|count| count > 1);
+                    self.count = open_count().map_or(1, |count| count.saturating_sub(1));
                 }
             }
         }
@@ -134,6 +136,6 @@ impl Viewers {
     }
 }
 
-fn open_count() -> Option<u64> {
+fn open_count() -> Option<u32> {
     std::fs::read_to_string(OPEN_COUNT).ok()?.trim().parse().ok()
 }
