@@ -15,7 +15,7 @@ use crate::control::{CameraNow, Desk, Lost, OutputNow, Server, State};
 use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News, find_again};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
-use crate::pipeline::{Params, run_live};
+use crate::pipeline::{Params, Totals, run_live};
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
@@ -27,7 +27,7 @@ use screen::{SHOW_EVERY, Screen};
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
 
 /// The slowest against a camera that another program has: nothing tells when it is given back.
-const BUSY: Duration = Duration::from_millis(500);
+const BUSY: Duration = Duration::from_millis(300);
 
 /// A service whose camera is not there is ready too, after this long: nothing that waits for it (the boot) is held up.
 const READY_WITHOUT_CAMERA: Duration = Duration::from_secs(20);
@@ -117,6 +117,24 @@ impl Drop for RingAtEnd<'_> {
     fn drop(&mut self) {
         self.0.ring();
     }
+}
+
+/// A stream's frames as people say it: what did not happen is left out.
+fn in_words(totals: &Totals) -> String {
+    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, dropped } = *totals;
+    let mut words = format!("{frames_in} frames in, {frames_out} out");
+    for (count, what) in [
+        (stabilized, "stabilized"),
+        (held, "repeated"),
+        (passed_through, "uncorrected"),
+        (damaged, "damaged"),
+        (dropped, "given up for a newer one"),
+    ] {
+        if count > 0 {
+            words += &format!(", {count} {what}");
+        }
+    }
+    words
 }
 
 /// Why the pipeline does not run.
@@ -300,7 +318,7 @@ impl Life<'_> {
         drop(camera);
         match ran {
             Ok(totals) => {
-                tracing::info!(?totals, "the stream ended");
+                tracing::info!("the stream ended: {}", in_words(&totals));
                 Ended::Unwanted
             }
             Err(error) if failed => {

@@ -249,7 +249,10 @@ for number in range(ROUNDS):
             while now() < over + PATIENCE and len({frame.sum for frame in frames}) < 2:
                 frame = reader.frame(0.5)
                 if frame:
-                    backwards += frame.taken < last_taken
+                    if frame.taken < last_taken:
+                        backwards += 1
+                        report.say(f"      time went back {last_taken - frame.taken:.3f} s, to number {frame.sequence}, "
+                                   f"{'live' if frame.live else 'the placeholder'}, {frame.came - frame.taken:.3f} s old")
                     last_taken = frame.taken
                 if frame and frame.live and frame.came > over + 0.15:
                     frames.append(frame)

@@ -70,6 +70,14 @@ def written(path):
         return file.read()
 
 
+def started(daemon):
+    """Starts it, and waits until its camera streams: until then readers have pictures of the one before."""
+    before = daemon.said().count("stabilizing") if os.path.exists(daemon.log) else 0
+    daemon.start()
+    report.check("its camera streams", until(60, lambda: daemon.said().count("stabilizing") > before))
+    return daemon
+
+
 def stopped(daemon):
     report.check("it stops", daemon.stop(30) == 0)
 
@@ -80,16 +88,27 @@ for pixel in ("yuyv", "i420", "nv12"):
     programs(pixel, 30)
     stopped(daemon)
 
+report.say("readers that ask for fewer buffers than the daemon has: no picture comes back after a newer one")
+daemon = Daemon(sys.argv[1], out, *SIZE).start()
+camera_appears(out, 60)
+for buffers in (2, 3, 4):
+    with Reader(out, buffers=buffers) as reader:
+        report.check(f"{buffers} buffers: live", reader.live(60) is not None)
+        sums = [frame.sum for frame in reader.frames(3) if frame.live]
+        order = [now for before, now in zip([None, *sums], sums) if now != before]
+        report.check(f"{len(order)} pictures, {len(order) - len(set(order))} come back", len(order) > 10 / SLOWER and len(order) == len(set(order)))
+stopped(daemon)
+
 report.say("a reader through a restart of the daemon, and one of another format")
 daemon = Daemon(sys.argv[1], out, *SIZE, env={"NOTIFY_SOCKET": manager.path}).start()
 camera_appears(out, 60)
 with Reader(out) as reader:
     report.check("live", reader.live(60) is not None)
     stopped(daemon)
-    daemon.start()
+    started(daemon)
     report.check("live again, without opening it anew", reader.live(60) is not None)
     stopped(daemon)
-    other = Daemon(sys.argv[1], out, "camera.width=320", "camera.height=180", "camera.fps=15").start()
+    other = started(Daemon(sys.argv[1], out, "camera.width=320", "camera.height=180", "camera.fps=15"))
     report.check("live from a daemon whose camera has another size", reader.live(60) is not None)
     report.check("in the size that the reader has", (reader.width, reader.height) == (WIDTH, HEIGHT))
     stopped(other)

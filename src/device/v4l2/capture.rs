@@ -1,6 +1,7 @@
 //! A V4L2 camera as a source of frames.
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 
@@ -65,6 +66,27 @@ pub struct Counts {
     pub foreign_times: u64,
     /// Times the stream was stopped and started.
     pub restarts: u64,
+}
+
+impl fmt::Display for Counts {
+    /// As people say it: what did not happen is left out.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { frames, dropped, missing, damaged, truncated, foreign_times, restarts } = *self;
+        write!(f, "{frames} frames")?;
+        for (count, what) in [
+            (dropped, "stale"),
+            (missing, "missing"),
+            (damaged, "damaged"),
+            (truncated, "cut short"),
+            (foreign_times, "without a time of their own"),
+            (restarts, "starts anew"),
+        ] {
+            if count > 0 {
+                write!(f, ", {count} {what}")?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// An open, streaming camera.
@@ -298,6 +320,6 @@ impl FrameSource for Capture {
 
 impl Drop for Capture {
     fn drop(&mut self) {
-        tracing::info!(camera = %self.path().display(), counts = ?self.counts(), "camera closed");
+        tracing::info!(camera = %self.path().display(), "camera closed: {}", self.counts());
     }
 }

@@ -24,6 +24,9 @@ use crate::rt::clock::monotonic_ns;
 /// stays locked. It outlives the program that set it.
 const KEEP_FORMAT: u32 = 0x0098_f900;
 
+/// The module's version, where it tells.
+const VERSION: &str = "/sys/module/v4l2loopback/version";
+
 /// Which device, and what to send to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopbackParams {
@@ -54,6 +57,8 @@ pub struct Loopback {
     whole: usize,
     /// The buffer that the canvas lies in or will be packed into.
     current: Option<usize>,
+    /// The driver does not say which buffer is free: they are taken in turns.
+    turns: bool,
     /// The canvas lies in `current` itself.
     direct: bool,
     /// The canvas where the frames' layout is not the pipeline's, or where no buffer is free.
@@ -119,6 +124,7 @@ impl Loopback {
         let Some(whole) = format.frame_bytes() else {
             return refuse(format!("frames of {}x{} are too large", format.width, format.height));
         };
+        let turns = takes_turns(&node);
         let queue = Queue::new(node, Direction::Output, params.buffers.clamp(2, 32))?;
         if queue.len() == 0 || queue.capacity() < whole {
             let (count, size) = (queue.len(), queue.capacity());
@@ -129,6 +135,7 @@ impl Loopback {
             format,
             whole,
             current: None,
+            turns,
             direct: false,
             spare: Picture::new(Sampling::S420, format.width as usize, format.height as usize),
             level: Level::detected(),
@@ -189,12 +196,17 @@ impl Loopback {
     /// As [`FrameSink::submit`].
     pub fn repeat(&mut self) -> Result<(), DeviceError> {
         let Some(last) = self.last else { return Ok(()) };
-        // v4l2loopback never says that it has none to give back: ask once for each.
-        for _ in 0..self.queue.len() {
-            let _ = self.queue.dequeue();
-        }
         // What a reader may be looking at is not queued a second time, but copied.
-        let other = (0..self.queue.len()).find(|&index| index != last && !self.queue.bytes(index).is_empty());
+        let other = if self.turns {
+            self.queue.take_back(last);
+            self.take_turn()?.filter(|&index| index != last)
+        } else {
+            // v4l2loopback never says that it has none to give back: ask once for each.
+            for _ in 0..self.queue.len() {
+                let _ = self.queue.dequeue();
+            }
+            (0..self.queue.len()).find(|&index| index != last && !self.queue.bytes(index).is_empty())
+        };
         let Some(other) = other.filter(|_| !self.queue.bytes(last).is_empty()) else { return Ok(()) };
         let mut copy = std::mem::take(&mut self.copy);
         copy.clear();
@@ -217,8 +229,16 @@ impl Loopback {
         Ok(())
     }
 
+    /// As [`Queue::take_next`].
+    fn take_turn(&mut self) -> Result<Option<usize>, DeviceError> {
+        self.queue.take_next(self.last).map_err(|errno| self.queue.node().error("choose a buffer of", errno))
+    }
+
     /// A buffer to fill: one that is ours, else one the driver is done with, else none. Never waits.
     fn free_buffer(&mut self) -> Result<Option<usize>, DeviceError> {
+        if self.turns {
+            return self.take_turn();
+        }
         if let Some(index) = self.queue.ours() {
             return Ok(Some(index));
         }
@@ -297,6 +317,18 @@ fn check_output(node: &Node) -> Result<bool, DeviceError> {
     Ok(was_kept)
 }
 
+/// Whether this is a v4l2loopback older than 0.15, of whose buffers [`Queue::take_next`] tells. Modules that do not tell their version
+/// are older than 0.13.
+fn takes_turns(node: &Node) -> bool {
+    node.identity().is_ok_and(|identity| identity.driver == LOOPBACK_DRIVER)
+        && std::fs::read_to_string(VERSION).map_or(true, |version| is_older_than_0_15(&version))
+}
+
+fn is_older_than_0_15(version: &str) -> bool {
+    let mut numbers = version.trim().split('.').map(|number| number.parse::<u32>().unwrap_or(0));
+    (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) < (0, 15)
+}
+
 /// Sets the control, where there is one: the module's older relatives work without.
 fn keep_format(node: &Node, keep: bool) {
     if let Err(errno) = node.set_control(KEEP_FORMAT, keep.into()) {
@@ -362,6 +394,12 @@ fn planar<'a>(format: &StreamFormat, bytes: &'a mut [u8]) -> Option<PictureMut<'
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn old_modules_are_known_by_their_version() {
+        let known = ["0.12.7", "0.13.2\n", "0.15.0\n", "0.15.4", "1.0.0", ""].map(is_older_than_0_15);
+        assert_eq!(known, [true, true, false, false, false, true]);
+    }
 
     #[test]
     fn what_cannot_be_is_said_before_anything_is_opened() {

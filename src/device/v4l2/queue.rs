@@ -39,6 +39,8 @@ pub(super) struct Queue {
 struct Mapping {
     start: NonNull<u8>,
     length: usize,
+    /// What the driver knows it by.
+    offset: u64,
     /// The driver has it.
     queued: bool,
 }
@@ -65,7 +67,7 @@ impl Queue {
             let Some(start) = NonNull::new(start.cast::<u8>()) else {
                 return Err(queue.node.error("map a buffer of", Errno::NOMEM));
             };
-            queue.mappings.push(Mapping { start, length, queued: false });
+            queue.mappings.push(Mapping { start, length, offset, queued: false });
         }
         Ok(queue)
     }
@@ -135,6 +137,24 @@ impl Queue {
             time: (buffer.timestamp.tv_sec, buffer.timestamp.tv_usec),
             error: buffer.flags & V4L2_BUF_FLAG_ERROR != 0,
         }))
+    }
+
+    /// The buffer whose turn it is after `last`, taken back though the driver does not give it: for v4l2loopback before 0.15, which
+    /// gives the one that was queued last, at which readers are looking. A reader that asked for fewer buffers than there are has
+    /// made them fewer since: an index beyond them means another buffer then, and it is that one's turn.
+    pub(super) fn take_next(&mut self, last: Option<usize>) -> Result<Option<usize>, Errno> {
+        let Some(next) = last.map_or(0, |last| last + 1).checked_rem(self.mappings.len()) else { return Ok(None) };
+        let (offset, _) = self.node.query_buffer(self.direction, u32::try_from(next).map_err(|_| Errno::INVAL)?)?;
+        let index = self.mappings.iter().position(|mapping| mapping.offset == offset).unwrap_or(next);
+        self.take_back(index);
+        Ok(Some(index))
+    }
+
+    /// Makes a buffer ours without asking the driver, as [`Queue::take_next`].
+    pub(super) fn take_back(&mut self, index: usize) {
+        if let Some(mapping) = self.mappings.get_mut(index) {
+            mapping.queued = false;
+        }
     }
 
     /// Starts the stream.
