@@ -38,7 +38,7 @@ pub struct Motion {
 }
 
 /// What the plan is made against.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Ahead {
     /// Where the camera is, and will be at 1, 2 .. ticks.
     pub camera: [f64; AHEAD],
@@ -46,10 +46,14 @@ pub struct Ahead {
     pub deviation: [f64; AHEAD],
     /// Least and most correction now.
     pub now: [f64; 2],
-    /// The same later.
+    /// The same later, as far as the camera's places are known, and from there on.
+    pub known: [f64; 2],
+    /// See `known`.
     pub later: [f64; 2],
     /// Length of a tick, seconds.
     pub tick_s: f64,
+    /// Seconds from now on for which the camera's places are known, not expected.
+    pub known_s: f64,
 }
 
 /// A linear form in x_(i-3) .. x_i, and a constant.
@@ -72,9 +76,12 @@ pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 
     for _ in 0..ROUNDS {
         let (mut matrix, mut vector) = (equations, right);
         for i in 0..AHEAD {
-            let edges = if i == 0 { ahead.now } else { ahead.later };
-            let weight =
-                if i == 0 { tuning.rho_now } else { tuning.rho * (-(i as f64) * ahead.tick_s / tuning.option_s).exp() };
+            let left_s = i as f64 * ahead.tick_s - ahead.known_s;
+            let (edges, weight, slow) = match i {
+                0 => (ahead.now, tuning.rho_now, if ahead.known_s > 0.0 { 1.0 } else { slow }),
+                _ if left_s <= 0.0 => (ahead.known, tuning.rho_known, 1.0),
+                _ => (ahead.later, tuning.rho * (-left_s / tuning.option_s).exp(), slow),
+            };
             let off = x[i] - ahead.camera[i];
             let (mut slope, mut curve) = (0.0, 1e-9);
             for (sign, edge) in

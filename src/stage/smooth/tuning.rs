@@ -26,12 +26,16 @@ pub struct Tuning {
     pub rho_now: f64,
     /// See `jerk`.
     pub rho: f64,
+    /// With look-ahead: weight of an excess where the camera's path is known.
+    pub rho_known: f64,
     /// Seconds after which a foreseen excess counts e times less.
     pub option_s: f64,
     /// Speed at which the window ahead is half as wide, half windows to a tick.
     pub lead_speed: f64,
-    /// Share of the window that the plan counts on later.
+    /// Share of the window that the plan counts on later, and with look-ahead where the camera's path is known.
     pub later: f64,
+    /// See `later`.
+    pub known: f64,
 }
 
 impl Default for Tuning {
@@ -47,9 +51,11 @@ impl Default for Tuning {
             jerk: 0.0145,
             rho_now: 0.0152,
             rho: 0.119,
+            rho_known: 1.0,
             option_s: 0.119,
             lead_speed: 0.0097,
             later: 0.85,
+            known: 0.95,
         }
     }
 }
