@@ -46,19 +46,18 @@ impl Drive {
         self.keep_time(forecast.tick_s(), interval_s);
         let ticks = interval_s / self.tick_s;
         let mut ahead = Ahead {
-            now: now.map(|edge| edge / half),
             later: later.map(|edge| tuning.later * edge / half),
             known: later.map(|edge| tuning.known * edge / half),
             tick_s: self.tick_s,
             known_s,
             ..Ahead::default()
         };
-        for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate() {
+        for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
             let seconds = i as f64 * self.tick_s - known_s;
-            let (expected, error) = if i == 0 { (camera, 0.0) } else { forecast.at(seconds) };
+            let (expected, error) = forecast.at(seconds);
             *place = (expected - camera) / half;
-            *deviation =
-                if i == 0 || seconds <= 0.0 { plan::NOW } else { tuning.doubt * (error / half).hypot(tuning.least_deviation) };
+            let believed = tuning.doubt * (error / half).hypot(tuning.least_deviation);
+            *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
         }
         let Motion { place, speed, acceleration, ticks: before } = self.motion;
         let motion =

@@ -58,6 +58,8 @@ pub struct Filter {
     fresh: usize,
     /// Factors on the information of each fresh point's prior: of acceleration and jerk.
     ease: [[Pose; 2]; MOST_POINTS],
+    /// Factors on the deviations of acceleration and jerk that the prior allows: what this camera's motion is like.
+    spread: [Pose; 2],
     /// Information without, and with the measurements that are being weighed.
     base: Box<Normal>,
     full: Box<Normal>,
@@ -66,6 +68,13 @@ pub struct Filter {
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
 const HUBER: f64 = 2.0;
+/// Seconds in which the prior's deviations follow what is found.
+const LEARN_S: f64 = 2.0;
+/// Mean square of the path's acceleration and jerk, in standard deviations of the prior, where the prior is right: less than 1, as
+/// the path is drawn towards it; the most of one point that counts; and how far the deviations may go from the first ones.
+const USUAL_SQUARE: f64 = 0.7;
+const MOST_NEWS: f64 = 9.0;
+const SPREAD: [f64; 2] = [0.7, 4.0];
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -79,6 +88,7 @@ impl Filter {
             points: 0,
             fresh: 0,
             ease: [[[1.0; 4]; 2]; MOST_POINTS],
+            spread: [[1.0; 4]; 2],
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
             solution: Solution::new(),
@@ -196,8 +206,9 @@ impl Filter {
         let h = self.spacing_s;
         // averaged over h, white noise has a variance that falls as 1 / h
         let spread = (1.0 / (120.0 * h)).sqrt();
-        let bend = self.prior.acceleration[c] * h * h * spread;
-        let twist = if point >= 3 { self.prior.jerk[c] * h * h * h * spread } else { f64::INFINITY };
+        let [acceleration, jerk] = [self.prior.acceleration[c] * self.spread[0][c], self.prior.jerk[c] * self.spread[1][c]];
+        let bend = acceleration * h * h * spread;
+        let twist = if point >= 3 { jerk * h * h * h * spread } else { f64::INFINITY };
         let step = self.prior.speed[c] * h * spread;
         [([0.0, 1.0, -2.0, 1.0], bend), ([-1.0, 3.0, -3.0, 1.0], twist), ([0.0, 0.0, -1.0, 1.0], step)]
     }
@@ -228,18 +239,36 @@ impl Filter {
     /// what it is while a quiet hand is believed to be quiet.
     pub fn ease_prior(&mut self) {
         for i in 0..self.fresh {
-            let point = self.points - self.fresh + i;
             for c in 0..4 {
-                for (kind, (weights, deviation)) in self.prior_terms(point, c).into_iter().enumerate().take(2) {
-                    if deviation.is_infinite() {
-                        continue;
-                    }
-                    let sum: f64 = (0..4)
-                        .filter(|p| weights[*p] != 0.0)
-                        .map(|p| weights[p] * self.solution.path[4 * (point + p - 3) + c])
-                        .sum();
-                    let z = sum / deviation;
-                    self.ease[i][kind][c] = (HUBER / z.abs()).min(1.0);
+                for (kind, z) in self.bent(i, c).into_iter().enumerate() {
+                    self.ease[i][kind][c] = z.map_or(1.0, |z| (HUBER / z.abs()).min(1.0));
+                }
+            }
+        }
+    }
+
+    /// Acceleration and jerk of the path at the fresh point `i`, in standard deviations of the prior; none where it has none.
+    fn bent(&self, i: usize, c: usize) -> [Option<f64>; 2] {
+        let point = self.points - self.fresh + i;
+        let [bend, twist, _] = self.prior_terms(point, c);
+        [bend, twist].map(|(weights, deviation)| {
+            let sum = |p: usize| weights[p] * self.solution.path[4 * (point + p - 3) + c];
+            let terms = (0..4).filter(|p| weights[*p] != 0.0).map(sum);
+            (deviation.is_finite()).then(|| terms.sum::<f64>() / deviation)
+        })
+    }
+
+    /// Learns how this camera moves from the path that was found, `seconds` after the last time: a vehicle's is rougher than a
+    /// hand's.
+    pub fn learn_prior(&mut self, seconds: f64) {
+        let news = 1.0 - (-seconds / LEARN_S).exp();
+        for kind in 0..2 {
+            for c in 0..4 {
+                let squares = (0..self.fresh).filter_map(|i| self.bent(i, c)[kind]).map(|z| (z * z).min(MOST_NEWS));
+                let (sum, count) = squares.fold((0.0, 0u32), |(sum, count), square| (sum + square, count + 1));
+                if count > 0 {
+                    let off = sum / f64::from(count) / USUAL_SQUARE - 1.0;
+                    self.spread[kind][c] = (self.spread[kind][c] * (0.5 * news * off).exp()).clamp(SPREAD[0], SPREAD[1]);
                 }
             }
         }

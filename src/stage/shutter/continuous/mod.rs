@@ -62,8 +62,10 @@ const PRIOR: Prior =
 const ROUNDS: usize = 5;
 /// Least scale of the robust weights, pixels.
 const LEAST_SCALE_PX: f64 = 0.5;
-/// A track's place is never believed better than this, pixels.
-const LEAST_SIGMA_PX: f64 = 0.05;
+/// A track's place is off by more than its own difference and texture say, as all are alike: by blur and by what is no rotation.
+/// Standard deviation of that (pixels), at least and at most; how fast what is found of it is believed.
+const COMMON_SIGMA_PX: [f64; 2] = [0.03, 0.5];
+const COMMON_NEWS: f64 = 0.1;
 /// Say of a track that never agreed with the camera, against 1 of one that always did.
 const LEAST_SAY: f64 = 0.05;
 /// Standard deviations of the motion between two frames up to which it is believed, and from which not at all (pixels).
@@ -90,6 +92,8 @@ pub struct Continuous {
     differences: Vec<(Difference, f64)>,
     weights: Vec<f64>,
     scale_px: f64,
+    /// Variance that all tracks have in common, pixels^2.
+    common: f64,
     random: u64,
     /// Whether readout time and focal length are to be found out.
     unknown: [bool; 2],
@@ -118,6 +122,7 @@ impl Continuous {
             differences: Vec::with_capacity(MOST_TRACKS),
             weights: Vec::with_capacity(MOST_TRACKS),
             scale_px: LEAST_SCALE_PX,
+            common: COMMON_SIGMA_PX[0].powi(2),
             random: seed,
             unknown: [false; 2],
             globals: Globals::default(),
@@ -137,6 +142,7 @@ impl Continuous {
         self.now_s = 0.0;
         self.interval_s = 0.0;
         self.scale_px = LEAST_SCALE_PX;
+        self.common = COMMON_SIGMA_PX[0].powi(2);
         self.agreement = Agreement::default();
         self.slope = Slope::default();
         self.anew = false;
@@ -196,6 +202,7 @@ impl Continuous {
             self.slope.interrupt();
         } else {
             self.hear(pair.tracks, before_s);
+            self.filter.learn_prior(pair.interval_s);
         }
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
@@ -353,10 +360,10 @@ impl Continuous {
             let (sooner, later) = (self.filter.place(sooner), self.filter.place(later));
             let row = middle[1] / self.size[1] as f64 - 0.5;
             self.sights.push(Sight { moved, derivative, row, say: 1.0 });
-            let sigma = f64::from(track.sigma_px).clamp(LEAST_SIGMA_PX, 2.0);
+            let sigma = f64::from(track.sigma_px).min(2.0);
             self.differences.push((
                 Difference { sooner, later, derivative, value: moved, by_global: [[0.0; 2]; 2] },
-                1.0 / (sigma * sigma),
+                1.0 / (sigma * sigma + self.common),
             ));
         }
         hypothesis::share_out(
@@ -404,15 +411,22 @@ impl Continuous {
         }
         let mut agreed = 0.0;
         let (mut say, mut squares, mut sum) = (0.0, 0.0, 0.0);
-        for (((track, sight), weight), (measured, _)) in
+        let (mut common, mut certain) = (0.0, 0.0);
+        for (((track, sight), weight), (measured, information)) in
             tracks.iter_mut().zip(&self.sights).zip(&self.weights).zip(&self.differences)
         {
             track.weight = *weight as f32;
             agreed += sight.say * weight;
             say += sight.say;
-            squares += weight * self.filter.misfit(measured);
+            let misfit = self.filter.misfit(measured);
+            squares += weight * misfit;
             sum += weight;
+            // of x and y together; the surest tracks tell most
+            common += weight * information * (0.5 * misfit - f64::from(track.sigma_px).min(2.0).powi(2));
+            certain += weight * information;
         }
+        let [least, most] = COMMON_SIGMA_PX.map(|sigma| sigma * sigma);
+        self.common += COMMON_NEWS * ((common / certain.max(1e-9)).clamp(least, most) - self.common);
         // the scale follows what the inliers leave over, slowly
         let noise = (squares / sum.max(1.0)).sqrt();
         self.scale_px += 0.1 * ((3.0 * noise).clamp(LEAST_SCALE_PX, 2.0) - self.scale_px);
