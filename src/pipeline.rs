@@ -266,8 +266,10 @@ impl Stabilizer {
         timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features));
         timed(frame, Stage::Fit, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
-            *fit = self.fitter.fit(tracks);
             *repeat = fit::is_repeat(tracks, &before.context.tracks);
+            if *repeat || self.shutter.asks_homography() {
+                *fit = self.fitter.fit(tracks);
+            }
         });
         timed(frame, Stage::Shutter, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
@@ -276,6 +278,13 @@ impl Stabilizer {
                 track::remember(&mut self.features, tracks, self.shutter.newest().confidence);
             }
         });
+        if !frame.context.repeat && !self.shutter.asks_homography() {
+            let believed = self.shutter.newest().confidence > 0.0;
+            timed(frame, Stage::Fit, |frame| {
+                let FrameContext { tracks, fit, .. } = &mut frame.context;
+                *fit = if believed { self.fitter.agree(tracks) } else { self.fitter.fit(tracks) };
+            });
+        }
     }
 
     /// Gives every frame that waits its motion.
@@ -470,11 +479,11 @@ impl Capture {
     }
 }
 
-/// Takes the time of a stage.
+/// Takes the time of a stage; of one that is walked in parts, adds it up.
 fn timed(frame: &mut Frame, stage: Stage, step: impl FnOnce(&mut Frame)) {
     let started = clock::monotonic_ns();
     step(frame);
-    frame.context.spent_ns[stage as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
+    frame.context.spent_ns[stage as usize] += clock::monotonic_ns().saturating_sub(started) as u64;
 }
 
 fn size(frame: &Frame) -> [usize; 2] {
