@@ -7,6 +7,7 @@ pub mod cache;
 pub mod convert;
 pub mod corner;
 pub mod lk;
+pub mod normal;
 pub mod pyramid;
 pub mod warp;
 

@@ -71,18 +71,24 @@ impl Sight {
             .map(|d| Turn::from([d[0], d[0] * self.row, d[0] * bend, d[1], d[1] * self.row, d[1] * bend, d[2], d[3]]))
     }
 
+    /// Squared distance between what a change of the pose says and what was seen, pixels^2.
+    #[inline]
+    pub fn misfit_of(&self, pose: &Pose) -> f64 {
+        let mut square = 0.0;
+        for (d, moved) in self.derivative.iter().zip(self.moved) {
+            let error = moved - (d[0] * pose[0] + d[1] * pose[1] + d[2] * pose[2] + d[3] * pose[3]);
+            square += error * error;
+        }
+        square
+    }
+
     /// Squared distance between what `turn` says and what was seen, pixels^2.
     #[inline]
     pub fn misfit(&self, turn: &Turn) -> f64 {
         let bend = self.row * self.row - 1.0 / 12.0;
         let yaw = turn[0] + turn[1] * self.row + turn[2] * bend;
         let pitch = turn[3] + turn[4] * self.row + turn[5] * bend;
-        let mut square = 0.0;
-        for (d, moved) in self.derivative.iter().zip(self.moved) {
-            let error = moved - (d[0] * yaw + d[1] * pitch + d[2] * turn[6] + d[3] * turn[7]);
-            square += error * error;
-        }
-        square
+        self.misfit_of(&[yaw, pitch, turn[6], turn[7]])
     }
 }
 
