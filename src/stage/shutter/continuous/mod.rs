@@ -61,7 +61,10 @@ pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
 /// Rounds of weighing; the scale shrinks from round to round.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 4;
+/// With more rounds than this the last ones' scale is the same; where they change less than this part of the weights, they may end.
+const LEAST_ROUNDS: usize = 2;
+const SETTLED: f64 = 0.003;
 /// Least scale of the robust weights, pixels.
 const LEAST_SCALE_PX: f64 = 0.5;
 /// A track of less weight is left out.
@@ -421,12 +424,19 @@ impl Continuous {
             }
             self.filter.ease_prior();
             self.batch.evaluate(&self.filter);
-            let scale = self.scale_px * [4.0, 2.0, 1.0, 1.0, 1.0][round.min(4)];
+            let scale = self.scale_px * [2.0, 1.0, 1.0, 1.0][round.min(3)];
+            let (mut sum, mut changed) = (0.0, 0.0);
             squares = 0.0;
             for (i, said) in self.batch.said() {
                 let misfit = self.sights[i].misfit_of(&said.difference);
-                self.weights[i] = geman_mcclure(misfit, scale * scale);
-                squares += self.weights[i] * misfit;
+                let weight = geman_mcclure(misfit, scale * scale);
+                squares += weight * misfit;
+                sum += weight;
+                changed += (weight - self.weights[i]).abs();
+                self.weights[i] = weight;
+            }
+            if round >= LEAST_ROUNDS && changed < SETTLED * sum {
+                break;
             }
         }
         let (mut agreed, mut say, mut sum) = (0.0, 0.0, 0.0);
