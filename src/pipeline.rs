@@ -286,8 +286,10 @@ impl Stabilizer {
         timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features));
         timed(frame, Stage::Fit, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
-            *fit = self.fitter.fit(tracks);
             *repeat = fit::is_repeat(tracks, &before.context.tracks);
+            if *repeat || self.shutter.asks_homography() {
+                *fit = self.fitter.fit(tracks);
+            }
         });
         timed(frame, Stage::Shutter, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
@@ -296,6 +298,13 @@ impl Stabilizer {
                 track::remember(&mut self.features, tracks, self.shutter.newest().confidence);
             }
         });
+        if !frame.context.repeat && !self.shutter.asks_homography() {
+            let believed = self.shutter.newest().confidence > 0.0;
+            timed(frame, Stage::Fit, |frame| {
+                let FrameContext { tracks, fit, .. } = &mut frame.context;
+                *fit = if believed { self.fitter.agree(tracks) } else { self.fitter.fit(tracks) };
+            });
+        }
     }
 
     /// Gives every frame that waits its motion, and those a place on the path behind which enough is known.
@@ -513,7 +522,7 @@ impl Capture {
     }
 }
 
-/// Takes the time of a stage, or of a part of it.
+/// Takes the time of a stage; of one that is walked in parts, adds it up.
 fn timed(frame: &mut Frame, stage: Stage, step: impl FnOnce(&mut Frame)) {
     let started = clock::monotonic_ns();
     step(frame);
