@@ -122,8 +122,12 @@ pub struct Stabilizer {
     warper: warp::Warper,
     /// Frames under way, oldest first: some sent and still looked back at, then those that wait.
     slots: VecDeque<Slot>,
-    /// Capture time of the frame that got its place on the path last.
-    placed_ns: Option<i64>,
+    /// Seconds by which frames may be late so that what comes is known.
+    lookahead_s: f64,
+    /// Capture time of the frame whose motion became known last, that time in seconds of motion, and the interval before it.
+    known_ns: Option<i64>,
+    known_s: f64,
+    interval_s: f64,
 }
 
 /// A frame under way.
@@ -133,18 +137,20 @@ struct Slot {
     progress: Progress,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Progress {
     /// Its motion is not known yet.
     Waiting,
+    /// Its motion is known, its time (seconds of motion) and the interval before it; it has no place on the path yet.
+    Known(Motion, f64, f64),
     /// It can be drawn.
     Ready,
     /// It was drawn and sent.
     Sent,
 }
 
-/// Frames that are under way at a time, at most: what a pool needs.
-pub const FRAMES: usize = 10;
+/// Frames that are under way at a time without look-ahead, at most.
+const FRAMES: usize = 10;
 /// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
 const LONGEST_STEP_S: f64 = 0.1;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough.
@@ -154,13 +160,17 @@ impl Stabilizer {
     /// Steps from frames of `input`'s format to pictures of `output`'s size.
     pub fn new(params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {
         let level = Level::detected();
+        let nominal_s = if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 };
+        let lookahead_s = 1e-3 * params.smooth.lookahead_ms.max(0.0);
+        let mut warper = warp::Warper::new(level, input.colour.siting);
+        warper.set_border(params.crop.border);
         Self {
             params: *params,
             level,
             input: [input.width as usize, input.height as usize],
             sampling: input.sampling(),
             output: [output.width as usize, output.height as usize],
-            nominal_s: if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 },
+            nominal_s,
             window: crop::Window::default(),
             detector: detect::Detector::new(params.detect),
             tracker: track::Tracker::new(params.track, level),
@@ -175,10 +185,18 @@ impl Stabilizer {
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             presence: presence::Presence::new(params.enabled),
-            warper: warp::Warper::new(level, input.colour.siting),
-            slots: VecDeque::with_capacity(FRAMES),
-            placed_ns: None,
+            warper,
+            slots: VecDeque::with_capacity(FRAMES + ahead(lookahead_s, nominal_s)),
+            lookahead_s,
+            known_ns: None,
+            known_s: 0.0,
+            interval_s: 0.0,
         }
+    }
+
+    /// Frames that are under way at a time, at most: what a pool needs.
+    pub fn frames(&self) -> usize {
+        FRAMES + ahead(self.lookahead_s, self.nominal_s)
     }
 
     /// What is believed of the camera; `None` where the model does not find it out.
@@ -198,6 +216,7 @@ impl Stabilizer {
         self.fitter.set_params(fit);
         self.smoother.set_params(smooth);
         self.window.set_params(crop);
+        self.warper.set_border(crop.border);
     }
 
     /// A frame to fill, with room for all that it will hold: whenever it is first used, it takes no memory then.
@@ -213,7 +232,8 @@ impl Stabilizer {
     /// Takes a frame in and finds out how the camera moved.
     pub fn take_in(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
-        if self.slots.iter().filter(|slot| slot.progress != Progress::Sent).count() >= MOST_WAITING {
+        let waiting = self.slots.iter().position(|slot| slot.progress == Progress::Waiting);
+        if waiting.is_some_and(|first| self.slots.len() - first >= MOST_WAITING) {
             self.settle_waiting(self.shutter.newest());
         }
         let reference = self.reference();
@@ -244,14 +264,14 @@ impl Stabilizer {
 
     /// A stream begins, or begins anew in another size: there is nothing to compare the frame with.
     fn begin(&mut self, frame: &mut Frame) {
-        self.settle_waiting(self.shutter.newest());
+        self.end();
         self.window = crop::Window::new(&self.params.crop, size(frame), self.output);
         self.features.clear();
         self.shutter.begin(size(frame));
         self.smoother.begin();
         self.trust = trust::Trust::default();
         self.presence = presence::Presence::new(self.params.enabled);
-        self.placed_ns = None;
+        (self.known_ns, self.known_s, self.interval_s) = (None, 0.0, 0.0);
         frame.context.outcome = Outcome::PassedThrough(PassReason::First);
         timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
     }
@@ -266,8 +286,10 @@ impl Stabilizer {
         timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features));
         timed(frame, Stage::Fit, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
-            *fit = self.fitter.fit(tracks);
             *repeat = fit::is_repeat(tracks, &before.context.tracks);
+            if *repeat || self.shutter.asks_homography() {
+                *fit = self.fitter.fit(tracks);
+            }
         });
         timed(frame, Stage::Shutter, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
@@ -276,26 +298,55 @@ impl Stabilizer {
                 track::remember(&mut self.features, tracks, self.shutter.newest().confidence);
             }
         });
-    }
-
-    /// Gives every frame that waits its motion.
-    fn settle_waiting(&mut self, motion: Motion) {
-        for i in 0..self.slots.len() {
-            if self.slots[i].progress == Progress::Waiting {
-                self.place(i, motion);
-                self.slots[i].progress = Progress::Ready;
-            }
+        if !frame.context.repeat && !self.shutter.asks_homography() {
+            let believed = self.shutter.newest().confidence > 0.0;
+            timed(frame, Stage::Fit, |frame| {
+                let FrameContext { tracks, fit, .. } = &mut frame.context;
+                *fit = if believed { self.fitter.agree(tracks) } else { self.fitter.fit(tracks) };
+            });
         }
     }
 
-    /// Chooses the virtual camera's place for a frame, and with it where each output pixel comes from.
-    fn place(&mut self, index: usize, motion: Motion) {
+    /// Gives every frame that waits its motion, and those a place on the path behind which enough is known.
+    fn settle_waiting(&mut self, motion: Motion) {
+        for i in 0..self.slots.len() {
+            if self.slots[i].progress == Progress::Waiting {
+                let now_ns = self.slots[i].frame.stamp.time_ns;
+                // in a gap nothing was shown: the virtual camera has not moved meanwhile, and must not catch up in one frame
+                let longest_s = LONGEST_STEP_S.max(self.nominal_s);
+                let interval_s = self.known_ns.map_or(0.0, |before| seconds_between(before, now_ns, self.nominal_s));
+                self.interval_s = interval_s.min(longest_s);
+                self.known_s += self.interval_s;
+                self.known_ns = Some(now_ns);
+                let (pose, interval_s) = (self.shutter.pose(motion.path), self.interval_s);
+                timed(&mut self.slots[i].frame, Stage::Smooth, |_| self.smoother.observe(pose, interval_s));
+                self.slots[i].progress = Progress::Known(motion, self.known_s, self.interval_s);
+            }
+        }
+        self.place_known(self.lookahead_s);
+    }
+
+    /// Gives frames their places, oldest first, that would be later than `lookahead_s` if they waited for one more.
+    fn place_known(&mut self, lookahead_s: f64) {
+        let most = ahead(self.lookahead_s, self.nominal_s);
+        let mut left = self.slots.iter().filter(|slot| matches!(slot.progress, Progress::Known(..))).count();
+        for i in 0..self.slots.len() {
+            let Progress::Known(motion, time_s, interval_s) = self.slots[i].progress else { continue };
+            let known_s = self.known_s - time_s;
+            let next_s = if self.interval_s > 0.0 { self.interval_s } else { self.nominal_s };
+            if lookahead_s > 0.0 && known_s + next_s <= lookahead_s + 1e-3 && left <= most {
+                break;
+            }
+            self.place(i, motion, interval_s, known_s);
+            self.slots[i].progress = Progress::Ready;
+            left -= 1;
+        }
+    }
+
+    /// Chooses the virtual camera's place for a frame, and with it where each output pixel comes from. `interval_s` is the time since
+    /// the frame before, `known_s` that for which it is known how the camera goes on.
+    fn place(&mut self, index: usize, motion: Motion, interval_s: f64, known_s: f64) {
         let frame = &mut *self.slots[index].frame;
-        // in a gap nothing was shown: the virtual camera has not moved meanwhile, and must not catch up in one frame
-        let longest_s = LONGEST_STEP_S.max(self.nominal_s);
-        let interval_s = self.placed_ns.map_or(0.0, |before| seconds_between(before, frame.stamp.time_ns, self.nominal_s));
-        let interval_s = interval_s.min(longest_s);
-        self.placed_ns = Some(frame.stamp.time_ns);
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
             let trust = self.trust.step(motion.confidence, interval_s);
@@ -312,7 +363,7 @@ impl Stabilizer {
             let room = self.window.room(&view, self.smoother.correction(), |correction| {
                 self.shutter.map(&motion, path(correction, 1.0), rows, &view)
             });
-            let wanted = self.smoother.step(pose, interval_s, &room);
+            let wanted = self.smoother.step(pose, interval_s, known_s, &room);
             let correction = std::array::from_fn(|i| shown * (wanted[i] - pose[i]));
             let part = self.window.inside(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
@@ -337,6 +388,7 @@ impl Stabilizer {
     /// The stream ends: what still waits is settled with what is known.
     pub fn end(&mut self) {
         self.settle_waiting(self.shutter.newest());
+        self.place_known(0.0);
     }
 
     /// Draws and sends the oldest frame that was not, if it is ready. Gives back its outcome.
@@ -470,11 +522,16 @@ impl Capture {
     }
 }
 
-/// Takes the time of a stage.
+/// Takes the time of a stage; of one that is walked in parts, adds it up.
 fn timed(frame: &mut Frame, stage: Stage, step: impl FnOnce(&mut Frame)) {
     let started = clock::monotonic_ns();
     step(frame);
-    frame.context.spent_ns[stage as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
+    frame.context.spent_ns[stage as usize] += clock::monotonic_ns().saturating_sub(started) as u64;
+}
+
+/// Frames that wait for what comes, at most.
+fn ahead(lookahead_s: f64, nominal_s: f64) -> usize {
+    (lookahead_s / nominal_s).ceil() as usize
 }
 
 fn size(frame: &Frame) -> [usize; 2] {

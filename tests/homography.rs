@@ -192,3 +192,28 @@ fn a_few_tracks_that_are_no_numbers_do_no_harm() {
         assert!(found.confidence == 0.0 || apart(&found.homography, &h) < 0.3, "{form:?}: {found:?}");
     }
 }
+
+#[test]
+fn weighed_tracks_need_no_search() {
+    let mut random = Random(9);
+    for seed in 0..20 {
+        let (small, any) = (constrained(&mut random), general(&mut random));
+        for (form, h) in [(Form::Constrained, small), (Form::General, any)] {
+            let fitter = Fitter::new(Params { form, ..Params::default() });
+            let mut seen = tracks(&h, 300, 0.05, 0.4, seed);
+            // some outliers lie right by chance
+            let off = |t: &Track| (h.apply(t.from)[0] - t.to[0]).hypot(h.apply(t.from)[1] - t.to[1]);
+            seen.iter_mut().for_each(|t| t.weight = if off(t) < 0.5 { 1.0 } else { 0.0 });
+            let right = seen.iter().filter(|t| t.weight == 1.0).count();
+            let found = fitter.agree(&seen);
+            assert!(apart(&found.homography, &h) < 0.1, "{form:?}: {} px", apart(&found.homography, &h));
+            assert_eq!((found.inliers as usize, found.tracks, found.confidence), (right, 300, 1.0));
+        }
+    }
+    for (name, seen) in hopeless() {
+        for form in [Form::Constrained, Form::General] {
+            let found = Fitter::new(Params { form, ..Params::default() }).agree(&seen);
+            assert_eq!((found.homography, found.confidence, found.inliers), (Homography::IDENTITY, 0.0, 0), "{name}, {form:?}");
+        }
+    }
+}

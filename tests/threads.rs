@@ -12,6 +12,7 @@ use gimbald::image::{PictureMut, PixelFormat};
 use gimbald::pipeline::{Pace, Params, Totals, run_inline, run_threaded};
 use gimbald::rt::stop::Stop;
 use gimbald::stage::shutter::{self, Model, Parameters};
+use gimbald::stage::smooth;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
@@ -21,10 +22,15 @@ use std::time::{Duration, Instant};
 /// Nothing here takes a tenth of this, even on a slow machine: who is not back by then is stuck.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Both models and both parameter sets.
-fn all() -> [Params; 3] {
-    [(Model::Cho2007, Parameters::TimeT), (Model::Cho2007, Parameters::TimeT1), (Model::Continuous, Parameters::TimeT)]
-        .map(|(model, parameters)| Params { shutter: shutter::Params { model, parameters }, ..Params::default() })
+/// Both models and both parameter sets, with look-ahead and without.
+fn all() -> [Params; 6] {
+    let models =
+        [(Model::Cho2007, Parameters::TimeT), (Model::Cho2007, Parameters::TimeT1), (Model::Continuous, Parameters::TimeT)];
+    std::array::from_fn(|n| {
+        let (model, parameters) = models[n % 3];
+        let smooth = smooth::Params { lookahead_ms: if n < 3 { 0.0 } else { 200.0 }, ..smooth::Params::default() };
+        Params { shutter: shutter::Params { model, parameters }, smooth, ..Params::default() }
+    })
 }
 
 fn shaken(frames: u64) -> Vec<Shot> {

@@ -2,7 +2,7 @@
 
 use super::{Control, Key, Kind, Level, Metrics};
 use crate::image::PixelFormat;
-use crate::stage::crop;
+use crate::stage::crop::{self, Border};
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
 use crate::stage::smooth::Mode;
@@ -230,6 +230,13 @@ pub const KEYS: &[Key] = &[
         kind: number!(pipeline.smooth.strength, 0.0 to 1.0),
     },
     Key {
+        name: "smooth.lookahead_ms",
+        unit: "ms",
+        doc: "adaptive: how late the picture may be so that the path is planned with what comes; 0 adds no latency, 500 is much steadier.",
+        live: false,
+        kind: number!(pipeline.smooth.lookahead_ms, 0.0 to 500.0),
+    },
+    Key {
         name: "smooth.cutoff_hz",
         unit: "Hz",
         doc: "iir: camera motion slower than this is followed, faster is taken out.",
@@ -253,9 +260,16 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "crop.max_zoom",
         unit: "ratio",
-        doc: "zoom \"auto\": most magnification that shake is given.",
+        doc: "zoom \"auto\": most magnification that shake is given. border \"mirror\", \"black\": how far it may show.",
         live: true,
         kind: number!(pipeline.crop.max_zoom, 1.0 to 2.0),
+    },
+    Key {
+        name: "crop.border",
+        unit: "",
+        doc: "Beyond the picture's edge: \"zoom\" never shows it; \"mirror\" and \"black\" do, and leave more room: as much as max_zoom hides.",
+        live: true,
+        kind: choice!(pipeline.crop.border, "zoom" => Border::Zoom, "mirror" => Border::Mirror, "black" => Border::Black),
     },
     Key {
         name: "output.device",

@@ -9,6 +9,6 @@ mod plane;
 mod raw;
 
 pub use format::{Colour, PixelFormat, Range, Siting};
-pub use picture::{Picture, PictureMut, PictureRef, Sampling};
+pub use picture::{BLACK, Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;

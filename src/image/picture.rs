@@ -2,6 +2,9 @@
 
 use super::{Plane, PlaneMut, PlaneRef};
 
+/// Black in limited range: luma, and both of chroma.
+pub const BLACK: [u8; 2] = [16, 128];
+
 /// How many chroma samples a picture has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Sampling {
@@ -137,9 +140,9 @@ impl PictureMut<'_> {
     /// Makes the picture black (limited range).
     pub fn blacken(&mut self) {
         let [y, u, v] = &mut self.planes;
-        y.fill(16);
-        u.fill(128);
-        v.fill(128);
+        y.fill(BLACK[0]);
+        u.fill(BLACK[1]);
+        v.fill(BLACK[1]);
     }
 
     /// The same picture, read-only.

@@ -3,9 +3,11 @@
 //! Most kernels here are plain loops that the compiler vectorizes by itself once it may use wider registers; [`dispatch!`]
 //! compiles such a body twice and picks one at run time. Where a hand-written variant pays, it stands beside its scalar form.
 
+pub mod cache;
 pub mod convert;
 pub mod corner;
 pub mod lk;
+pub mod normal;
 pub mod pyramid;
 pub mod warp;
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
 
-use super::{Capture, FRAMES, Live, Observer, Params, Stabilizer, Totals};
+use super::{Capture, Live, Observer, Params, Stabilizer, Totals};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent};
 use crate::frame::Frame;
 use crate::rt::stop::Stop;
@@ -72,8 +72,8 @@ fn run(
     pace: Pace,
 ) -> Result<Totals, DeviceError> {
     let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
-    let (free, empty) = bounded::<Box<Frame>>(FRAMES);
-    for _ in 0..FRAMES {
+    let (free, empty) = bounded::<Box<Frame>>(stabilizer.frames());
+    for _ in 0..stabilizer.frames() {
         // the channel has room for every frame there is, so neither this nor giving back ever fails
         let _ = free.send(stabilizer.empty_frame());
     }

@@ -2,11 +2,24 @@
 //!
 //! The output shows the picture magnified by `zoom` about its centre; the margin that this hides is what a correction may use.
 //! [`Window::room`] says how much that is, in the terms of the path: the planner stays inside of it. What the rows' motion takes
-//! of the margin beyond [`KNEE`] is scaled back, gently at first, and [`Window::inside`] has the last word.
+//! of the margin beyond [`KNEE`] is scaled back, gently at first, and [`Window::inside`] has the last word. With a border that may
+//! show, the window reaches beyond the picture, as far as the largest zoom would give way.
 
 use nalgebra::Matrix3;
 
 use crate::geometry::{Homography, OutputMap, Pose};
+
+/// What is done about places that the camera did not see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Border {
+    /// They never show: corrections stay within what the zoom hides.
+    #[default]
+    Zoom,
+    /// They show the picture mirrored at its edge.
+    Mirror,
+    /// They are black.
+    Black,
+}
 
 /// Settings of the crop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,13 +28,15 @@ pub struct Params {
     pub zoom: f64,
     /// Whether the magnification follows what the shake needs.
     pub auto: bool,
-    /// Auto alone: most magnification (ratio, 1 to 2).
+    /// Auto: most magnification. A border that may show: corrections may go as far as this magnification would hide (ratio, 1 to 2).
     pub max_zoom: f64,
+    /// What is done about places that the camera did not see.
+    pub border: Border,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { zoom: 1.1, auto: false, max_zoom: 1.2 }
+        Self { zoom: 1.1, auto: false, max_zoom: 1.2, border: Border::Zoom }
     }
 }
 
@@ -129,6 +144,10 @@ pub struct Window {
     auto: f64,
     /// Margin (share of the picture's size) that shake needed of late.
     need: f64,
+    /// Margin (share of the picture's size) beyond the picture, as it is.
+    beyond: f64,
+    /// The margin, all in all, that a border that may show gives; 0 where it may not.
+    most: f64,
 }
 
 /// Most that the log of the zoom changes in a second, where it was told to.
@@ -153,6 +172,7 @@ impl Window {
         let mut window = Self { input: input.map(|n| n as f64), output: output.map(|n| n as f64), ..Self::default() };
         window.set_params(params);
         window.zoom = window.goal;
+        window.beyond = window.beyond_goal();
         window
     }
 
@@ -161,6 +181,18 @@ impl Window {
         self.auto = if params.auto { params.max_zoom.max(1.0) } else { 0.0 };
         self.goal = if params.auto { params.zoom.min(self.auto) } else { params.zoom };
         self.need = COMFORT * margin(self.goal);
+        self.most = if params.border == Border::Zoom { 0.0 } else { margin(params.max_zoom) };
+    }
+
+    /// How far corrections may go beyond the picture (share of its size).
+    fn beyond_goal(&self) -> f64 {
+        (self.most - margin(self.zoom)).max(0.0)
+    }
+
+    /// The rectangle in which the outline has to stay: least and most (x, y).
+    fn limits(&self) -> [[f64; 2]; 2] {
+        let most = self.input.map(|n| n - 1.0);
+        [most.map(|most| -self.beyond * most), most.map(|most| (1.0 + self.beyond) * most)]
     }
 
     /// Takes in how far into the margin a frame's correction reached ([`Window::reach`]): with auto, the zoom follows it.
@@ -190,6 +222,8 @@ impl Window {
                 self.zoom = self.goal;
             }
         }
+        let most = GLIDE * interval_s.clamp(0.0, 1.0);
+        self.beyond += (self.beyond_goal() - self.beyond).clamp(-most, most);
     }
 
     /// Takes output pixels to the virtual camera's: the zoom about the centre, and where the sizes differ, the scale at which the
@@ -214,12 +248,12 @@ impl Window {
     /// How far the outline reaches into the margin: 0 where `map` moves nothing, 1 where it touches the picture's edge, more
     /// outside. Infinite where there is no margin and the map moves something.
     pub fn reach(&self, map: &OutputMap, view: &Homography) -> f64 {
-        let limit = self.input.map(|n| n - 1.0);
+        let [least, limit] = self.limits();
         let mut most = 0.0f64;
         for point in self.outline() {
             let (here, rest) = (map.apply(point), view.apply(point));
             for i in 0..2 {
-                let margin = if here[i] < rest[i] { rest[i] } else { limit[i] - rest[i] };
+                let margin = if here[i] < rest[i] { rest[i] - least[i] } else { limit[i] - rest[i] };
                 let moved = (here[i] - rest[i]).abs();
                 if moved > 1e-9 {
                     // an output of another shape has bars beside the picture: there is nothing to hide there
@@ -236,7 +270,7 @@ impl Window {
     /// The corrections for which the outline stays inside, as half-spaces around the correction `near`. `map` gives the map for a
     /// correction: a difference of poses, in whatever units the path has.
     pub fn room(&self, view: &Homography, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Room {
-        let limit = self.input.map(|n| n - 1.0);
+        let [least, limit] = self.limits();
         let (middle, mut beside) = (map(near), [OutputMap::default(); 4]);
         for (c, moved) in beside.iter_mut().enumerate() {
             let mut to = near;
@@ -250,7 +284,9 @@ impl Window {
             for i in 0..2 {
                 let slope: Pose = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
                 let along = dot(&slope, &near);
-                for (sign, free, whole) in [(1.0, limit[i] - here[i], limit[i] - rest[i]), (-1.0, here[i], rest[i])] {
+                for (sign, free, whole) in
+                    [(1.0, limit[i] - here[i], limit[i] - rest[i]), (-1.0, here[i] - least[i], rest[i] - least[i])]
+                {
                     // an output of another shape has bars beside the picture: there is nothing to hide there
                     if whole >= -1e-6 && slope.iter().all(|s| s.is_finite()) {
                         room.add(slope.map(|s| sign * s), free + sign * along, whole);
@@ -339,6 +375,30 @@ mod tests {
                 assert!((high - room.half()[c]).abs().min((low + room.half()[c]).abs()) < 0.2 * room.half()[c]);
             }
         }
+    }
+
+    #[test]
+    fn a_border_that_may_show_gives_room_and_glides() {
+        let size = [640, 480];
+        let shown = Params { zoom: 1.0, border: Border::Mirror, ..Params::default() };
+        let mut window = Window::new(&shown, size, size);
+        let camera = Pinhole::new(size, 50.0);
+        let half = |window: &Window| {
+            let view = window.view();
+            let map = |e: Pose| OutputMap::Projective(Homography(camera.turned(e.map(|x| -x)).0 * view.0));
+            window.room(&view, [0.0; 4], map).half()
+        };
+        // no magnification, and about the room of the largest one
+        let [wide, hidden] =
+            [window, Window::new(&Params { zoom: shown.max_zoom, ..Params::default() }, size, size)].map(|w| half(&w));
+        assert!((0..2).all(|c| (0.9..1.1).contains(&(wide[c] / hidden[c]))), "{wide:?} {hidden:?}");
+        window.set_params(&Params { zoom: 1.1, ..Params::default() });
+        for _ in 0..60 {
+            let before = half(&window);
+            window.glide(1.0 / 30.0);
+            assert!((0..2).all(|c| (half(&window)[c] / before[c] - 1.0).abs() < 0.15));
+        }
+        assert_eq!(half(&window), half(&Window::new(&Params { zoom: 1.1, ..Params::default() }, size, size)));
     }
 
     #[test]

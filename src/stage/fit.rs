@@ -46,6 +46,8 @@ const SLACK: f64 = 0.15;
 const MOST_HYPOTHESES: usize = 160;
 /// Probability with which at least one sample should hold no outlier.
 const CERTAINTY: f64 = 0.999;
+/// Weight from which a track agrees: that of one as far off as the model's scale.
+const LEAST_WEIGHT: f32 = 0.25;
 /// Rounds of refinement.
 const REFINEMENTS: usize = 6;
 
@@ -86,6 +88,22 @@ impl Fitter {
         let inliers = tracks.iter().filter(agree).count();
         let confidence = confidence(inliers, tracks.len(), frame.spread(tracks.iter().filter(agree)));
         let homography = frame.restore(&fine);
+        if !homography.is_finite() || confidence == 0.0 {
+            return nothing;
+        }
+        Fit { homography, inliers: inliers as u32, tracks: tracks.len() as u32, confidence }
+    }
+
+    /// The homography of `tracks` that a shutter model has weighed (their `weight`): by linear least squares, without a search. Those
+    /// of at least a quarter of the full weight are inliers. To be told, not to be built on: the model that weighed knows more.
+    pub fn agree(&self, tracks: &[Track]) -> Fit {
+        let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };
+        let Some(frame) = Normal::of(tracks).filter(|_| tracks.len() >= LEAST_TRACKS) else { return nothing };
+        let agreeing = || tracks.iter().filter(|track| track.weight >= LEAST_WEIGHT);
+        let inliers = agreeing().count();
+        let confidence = confidence(inliers, tracks.len(), frame.spread(agreeing()));
+        let Some(entries) = linear(self.params.form, tracks, &frame) else { return nothing };
+        let homography = frame.restore(&entries);
         if !homography.is_finite() || confidence == 0.0 {
             return nothing;
         }
@@ -155,7 +173,8 @@ impl Fitter {
 /// A camera that stands still repeats nothing in this sense.
 pub fn is_repeat(tracks: &[Track], before: &[Track]) -> bool {
     let moved = |tracks: &[Track], least: f64| {
-        tracks.iter().filter(|t| (t.to[0] - t.from[0]).hypot(t.to[1] - t.from[1]) > least).count() as f64 / tracks.len() as f64
+        let far = |t: &&Track| (t.to[0] - t.from[0]).powi(2) + (t.to[1] - t.from[1]).powi(2) > least * least;
+        tracks.iter().filter(far).count() as f64 / tracks.len() as f64
     };
     let enough = tracks.len() >= LEAST_TRACKS && before.len() >= LEAST_TRACKS;
     enough && moved(tracks, 0.06) < 0.1 && moved(before, 0.4) > 0.8
@@ -270,6 +289,41 @@ fn general(pairs: [([f64; 2], [f64; 2]); 4]) -> Option<Entries> {
     lu.solve(&right)
 }
 
+/// Least squares of weighted tracks, on the algebraic error: between two frames the divisors are 1 to within a few hundredths.
+fn linear(form: Form, tracks: &[Track], frame: &Normal) -> Option<Entries> {
+    let mut normal = [[0.0; 8]; 8];
+    let mut right = [0.0; 8];
+    for track in tracks {
+        let ([x, y], [u, v]) = frame.pair(track);
+        let weight = f64::from(track.weight);
+        let rows = [[x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y], [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y]];
+        for i in 0..8 {
+            let [a, b] = [weight * rows[0][i], weight * rows[1][i]];
+            for j in 0..=i {
+                normal[i][j] += a * rows[0][j] + b * rows[1][j];
+            }
+            right[i] += a * u + b * v;
+        }
+    }
+    // its Cholesky factor is made of the lower triangle alone
+    let mut normal = SMatrix::<f64, 8, 8>::from_fn(|i, j| if j <= i { normal[i][j] } else { 0.0 });
+    let mut right = Entries::from(right);
+    if form == Form::Constrained {
+        fix(&mut normal, &mut right);
+    }
+    normal.cholesky().map(|factor| factor.solve(&right))
+}
+
+/// Holds h4 and h7 to 0.
+fn fix(normal: &mut SMatrix<f64, 8, 8>, right: &mut Entries) {
+    for fixed in [3, 6] {
+        normal.row_mut(fixed).fill(0.0);
+        normal.column_mut(fixed).fill(0.0);
+        normal[(fixed, fixed)] = 1.0;
+        right[fixed] = 0.0;
+    }
+}
+
 /// Gauss-Newton on the geometric error with Geman-McClure weights, whose scale shrinks from the threshold to a third of it.
 fn refine(form: Form, tracks: &[Track], frame: &Normal, mut h: Entries, threshold: f64) -> Entries {
     for round in 0..REFINEMENTS {
@@ -292,12 +346,7 @@ fn refine(form: Form, tracks: &[Track], frame: &Normal, mut h: Entries, threshol
             }
         }
         if form == Form::Constrained {
-            for fixed in [3, 6] {
-                normal.row_mut(fixed).fill(0.0);
-                normal.column_mut(fixed).fill(0.0);
-                normal[(fixed, fixed)] = 1.0;
-                right[fixed] = 0.0;
-            }
+            fix(&mut normal, &mut right);
         }
         let Some(factor) = normal.cholesky() else { return h };
         h += factor.solve(&right);

@@ -5,8 +5,9 @@
 
 mod mesh;
 
+use super::crop::Border;
 use crate::geometry::OutputMap;
-use crate::image::{PictureMut, PictureRef, PlaneMut, PlaneRef, Sampling, Siting};
+use crate::image::{BLACK, PictureMut, PictureRef, PlaneMut, PlaneRef, Sampling, Siting};
 use crate::kernel::{Level, warp};
 use mesh::mesh;
 
@@ -28,6 +29,7 @@ const KINDS: usize = 4;
 pub struct Warper {
     level: Level,
     siting: Siting,
+    border: Border,
     /// Nodes in a row.
     columns: usize,
     /// Width of a mesh cell, as a power of two.
@@ -44,11 +46,13 @@ pub struct Warper {
 type Lattice = [warp::Axis; 2];
 
 impl Warper {
-    /// A warper for pictures whose 4:2:0 chroma is sited as given.
+    /// A warper for pictures whose 4:2:0 chroma is sited as given, with [`Border::Zoom`] for those that hide
+    /// their border.
     pub fn new(level: Level, siting: Siting) -> Self {
         Self {
             level,
             siting,
+            border: Border::Zoom,
             columns: 0,
             wide_bits: NARROW_BITS,
             high_bits: LOW_BITS,
@@ -57,8 +61,13 @@ impl Warper {
         }
     }
 
-    /// Draws `input` into `output`, each output pixel from where `map` says. Points outside the input take its nearest edge. Both
-    /// must have the same chroma; the sizes may differ. Allocates only where the output's size grew.
+    /// Shows `border` where there is no picture, from now on.
+    pub fn set_border(&mut self, border: Border) {
+        self.border = border;
+    }
+
+    /// Draws `input` into `output`, each output pixel from where `map` says. Both must have the same chroma; the sizes may differ.
+    /// Where the shapes differ, too, the bars beside the picture are black. Allocates only where the output's size grew.
     pub fn draw(&mut self, map: &OutputMap, input: PictureRef<'_>, output: &mut PictureMut<'_>) {
         let (width, height) = (output.width(), output.height());
         if width == 0 || height == 0 {
@@ -70,12 +79,20 @@ impl Warper {
         self.high_bits = LOW_BITS + u32::from(height >= HIGH_PICTURE);
         self.take_nodes(map, [width, height]);
         let chroma = lattice(output.sampling, self.siting).filter(|_| input.sampling == output.sampling);
+        let barred = width * input.height() != height * input.width();
+        let outside = |black: u8| match self.border {
+            // on its way from a border that showed
+            Border::Zoom if !barred => warp::Outside::Mirror,
+            Border::Mirror => warp::Outside::Mirror,
+            Border::Zoom | Border::Black => warp::Outside::Value(black),
+        };
+        let (luma, colour) = (outside(BLACK[0]), outside(BLACK[1]));
         let [y, u, v] = &mut output.planes;
         let [from_y, from_u, from_v] = input.planes;
-        self.draw_planes(Lattice::default(), [(from_y, y)]);
+        self.draw_planes(Lattice::default(), luma, [(from_y, y)]);
         match chroma {
-            Some(chroma) => self.draw_planes(chroma, [(from_u, u), (from_v, v)]),
-            None => [u, v].into_iter().for_each(|plane| plane.fill(128)),
+            Some(chroma) => self.draw_planes(chroma, colour, [(from_u, u), (from_v, v)]),
+            None => [u, v].into_iter().for_each(|plane| plane.fill(BLACK[1])),
         }
     }
 
@@ -94,7 +111,12 @@ impl Warper {
     }
 
     /// Draws planes whose samples lie as `lattice` says.
-    fn draw_planes<const N: usize>(&mut self, lattice: Lattice, mut planes: [(PlaneRef<'_>, &mut PlaneMut<'_>); N]) {
+    fn draw_planes<const N: usize>(
+        &mut self,
+        lattice: Lattice,
+        outside: warp::Outside,
+        mut planes: [(PlaneRef<'_>, &mut PlaneMut<'_>); N],
+    ) {
         let [along, down] = lattice;
         let rows = planes.iter().map(|(_, to)| to.height()).max().unwrap_or(0);
         let wide = 1 << (self.wide_bits - u32::from(along.halved));
@@ -110,7 +132,7 @@ impl Warper {
                 let between = warp::Between { above, below, part, part_bits: self.high_bits + 1, wide_bits: self.wide_bits };
                 warp::lines(self.level, between, lattice[axis], along, start, step);
             }
-            let cells = warp::Cells { start: [start_x, start_y], step: [step_x, step_y], wide };
+            let cells = warp::Cells { start: [start_x, start_y], step: [step_x, step_y], wide, outside };
             for (from, to) in planes.iter_mut().filter(|(_, to)| y < to.height()) {
                 warp::row(self.level, *from, cells, to.row_mut(y));
             }

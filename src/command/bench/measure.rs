@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use super::copies::{Copies, CopyTimes};
 use super::{Exit, Failure};
 use crate::device::FrameSource;
 use crate::device::rehearsal::{Rehearsal, RehearsalSink};
@@ -26,34 +27,46 @@ pub struct Measured {
     pub pixel: PixelFormat,
     /// Times of the stages.
     pub stats: Stats,
-    /// Times of the frames without unpacking.
+    /// Times of the frames; of compressed ones without unpacking, which is decoding.
     pub carried: Histogram,
     /// What became of all frames.
     pub totals: Totals,
-    /// A plain copy of the 4:2:0 picture in the same run, median, nanoseconds.
-    pub copy_ns: u64,
+    /// Plain copies of the 4:2:0 picture in the same run.
+    pub copy: CopyTimes,
 }
 
 impl Measured {
-    /// A frame without unpacking, in copies of its picture (medians).
-    pub fn copies(&self) -> f64 {
-        self.carried.quantile(0.5) as f64 / self.copy_ns.max(1) as f64
+    /// A frame without decoding in copies of its picture: in cache, and through memory (medians).
+    pub fn copies(&self) -> [f64; 2] {
+        self.in_copies(self.carried.quantile(0.5) as f64)
+    }
+
+    /// The warp of all planes, likewise.
+    pub fn warp_copies(&self) -> [f64; 2] {
+        self.in_copies(1e6 * self.stats.stage(Stage::Warp).median_ms)
+    }
+
+    fn in_copies(&self, ns: f64) -> [f64; 2] {
+        [self.copy.cache_ns, self.copy.memory_ns].map(|copy_ns| ns / copy_ns.max(1) as f64)
     }
 
     /// Everything as JSON, times in milliseconds.
     pub fn json(&self) -> Value {
         let ms = |ns: u64| ns as f64 * 1e-6;
+        let (frame, warp) = (self.copies(), self.warp_copies());
         json!({
             "width": self.size[0],
             "height": self.size[1],
             "input": self.pixel.to_string(),
             "output": OUTPUT.to_string(),
-            "copy_ms": ms(self.copy_ns),
-            "without_unpack": {
+            "copy_in_cache_ms": ms(self.copy.cache_ns),
+            "copy_through_memory_ms": ms(self.copy.memory_ns),
+            "warp_copies": { "in_cache": warp[0], "through_memory": warp[1] },
+            "without_decoding": {
                 "median_ms": ms(self.carried.quantile(0.5)),
                 "p99_ms": ms(self.carried.quantile(0.99)),
                 "max_ms": ms(self.carried.max()),
-                "copies": self.copies(),
+                "copies": { "in_cache": frame[0], "through_memory": frame[1] },
             },
             "times": self.stats.json(&self.totals),
         })
@@ -66,6 +79,7 @@ const OUTPUT: PixelFormat = PixelFormat::Yuyv;
 struct Watching {
     stats: Stats,
     carried: Histogram,
+    decodes: bool,
     seen: u64,
     until: Option<Instant>,
     stop: Stop,
@@ -79,7 +93,8 @@ impl Observer for Watching {
         if self.seen > WARM {
             self.stats.sent(frame);
             let spent = &frame.context.spent_ns;
-            self.carried.add(spent.iter().sum::<u64>() - spent[Stage::Unpack as usize]);
+            let decoding = if self.decodes { spent[Stage::Unpack as usize] } else { 0 };
+            self.carried.add(spent.iter().sum::<u64>() - decoding);
         }
         if self.seen > WARM + 2 && self.until.is_some_and(|until| Instant::now() >= until) {
             self.stop.set();
@@ -105,16 +120,21 @@ pub fn measure(
     let mut sink = RehearsalSink::new(&source.format(), OUTPUT);
     // its own: what ends this case early does not end the whole
     let over = Stop::default();
-    let mut watching = Watching { stats: Stats::default(), carried: Histogram::default(), seen: 0, until, stop: over.clone() };
-    let totals = run_inline(&mut Until { source: &mut source, stop }, &mut sink, params, &over, &mut watching)?;
+    let (stats, carried) = (Stats::default(), Histogram::default());
+    let mut watching = Watching { stats, carried, decodes: pixel.is_compressed(), seen: 0, until, stop: over.clone() };
+    let (width, height) = (size[0] as usize, size[1] as usize);
+    let mut copies = Copies::new(width * height + 2 * width.div_ceil(2) * height.div_ceil(2));
+    let mut until = Until { source: &mut source, stop, copies: &mut copies };
+    let totals = run_inline(&mut until, &mut sink, params, &over, &mut watching)?;
     let Watching { stats, carried, .. } = watching;
-    Ok(Measured { size, pixel, stats, carried, totals, copy_ns: source.copy_ns() })
+    Ok(Measured { size, pixel, stats, carried, totals, copy: copies.times() })
 }
 
-/// A source that ends when the user says so.
+/// A source that ends when the user says so, and takes the times of copies before each frame.
 struct Until<'a> {
     source: &'a mut Rehearsal,
     stop: &'a Stop,
+    copies: &'a mut Copies,
 }
 
 impl FrameSource for Until<'_> {
@@ -123,6 +143,10 @@ impl FrameSource for Until<'_> {
     }
 
     fn lend(&mut self) -> Result<crate::device::Lent<'_>, crate::device::DeviceError> {
-        if self.stop.is_set() { Ok(crate::device::Lent::End) } else { self.source.lend() }
+        if self.stop.is_set() {
+            return Ok(crate::device::Lent::End);
+        }
+        self.copies.take();
+        self.source.lend()
     }
 }

@@ -53,7 +53,7 @@ fn row_of<const BLOCKS: usize>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut 
                 // SAFETY: as above.
                 unsafe { octets.draw(plane, &line, out) };
             } else {
-                scalar(plane, cells.line(n + i), out);
+                scalar(plane, cells.line(n + i), cells.outside, out);
             }
         }
     }

@@ -25,6 +25,20 @@ pub struct Cells<'a> {
     pub step: [&'a [i32]; 2],
     /// Pixels in a cell.
     pub wide: usize,
+    /// What there is outside of the plane.
+    pub outside: Outside,
+}
+
+/// What is seen outside of a plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outside {
+    /// The nearest edge.
+    #[default]
+    Edge,
+    /// The plane mirrored at its edges, as often as it takes.
+    Mirror,
+    /// A sample's value.
+    Value(u8),
 }
 
 /// A line: its first point and the step from pixel to pixel (x, y).

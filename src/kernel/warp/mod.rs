@@ -6,7 +6,7 @@ mod cells;
 mod nodes;
 
 use cells::Line;
-pub use cells::{Axis, Between, Cells, FURTHEST, lines};
+pub use cells::{Axis, Between, Cells, FURTHEST, Outside, lines};
 pub use nodes::{Mesh, RowTable, TABLE, nodes};
 
 use super::Level;
@@ -20,8 +20,8 @@ const HALF_STEP: i32 = ONE / 256;
 /// Points this near to the plane's left or upper edge may be rounded down to beyond it.
 const MARGIN: i32 = 128;
 
-/// Draws a row of output, one cell's line after the other: bilinear, rounded to nearest. Points outside the plane take its nearest
-/// edge.
+/// Draws a row of output, one cell's line after the other: bilinear, rounded to nearest. Points outside the plane show what
+/// the cells say.
 ///
 /// Every eighth pixel of a cell begins a line of its own; its place and its step are rounded down to 1/4096. Columns are then
 /// rounded to 1/128.
@@ -40,7 +40,7 @@ pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) 
 
 fn row_scalar(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
     for (i, out) in out.chunks_mut(cells.wide).enumerate().take(cells.start[0].len()) {
-        scalar(plane, cells.line(i), out);
+        scalar(plane, cells.line(i), cells.outside, out);
     }
 }
 
@@ -62,7 +62,7 @@ fn place(start: i32, step: i32, n: i32) -> i32 {
 
 /// Draws the pixels of `out` along a line.
 #[inline(always)]
-fn scalar(plane: PlaneRef<'_>, Line { start, step }: Line, out: &mut [u8]) {
+fn scalar(plane: PlaneRef<'_>, Line { start, step }: Line, outside: Outside, out: &mut [u8]) {
     let (w, h) = (plane.width() as i32, plane.height() as i32);
     let along = |axis: usize, n: usize| place(start[axis], step[axis], n as i32);
     let last = out.len().saturating_sub(1);
@@ -79,12 +79,29 @@ fn scalar(plane: PlaneRef<'_>, Line { start, step }: Line, out: &mut [u8]) {
         return;
     }
     for (n, out) in out.iter_mut().enumerate() {
-        let (x, y) = (along(0, n).clamp(0, (w - 1) << 16) + HALF_STEP, along(1, n).clamp(0, (h - 1) << 16));
+        let (x, y, limit) = (along(0, n), along(1, n), [(w - 1) << 16, (h - 1) << 16]);
+        if let Outside::Value(value) = outside
+            && !((0..=limit[0]).contains(&x) && (0..=limit[1]).contains(&y))
+        {
+            *out = value;
+            continue;
+        }
+        let (x, y) = match outside {
+            Outside::Mirror => (mirrored(x, limit[0]) + HALF_STEP, mirrored(y, limit[1])),
+            Outside::Edge | Outside::Value(_) => (x.clamp(0, limit[0]) + HALF_STEP, y.clamp(0, limit[1])),
+        };
         let (ix, iy) = ((x >> 16) as usize, (y >> 16) as usize);
         let (a, b) = (plane.row(iy), plane.row((iy + 1).min(h as usize - 1)));
         let next = (ix + 1).min(w as usize - 1);
         *out = blend([a[ix], a[next], b[ix], b[next]], x, y);
     }
+}
+
+/// A coordinate reflected at 0 and `limit` until it lies between them.
+fn mirrored(x: i32, limit: i32) -> i32 {
+    let there_and_back = 2 * i64::from(limit.max(1));
+    let along = i64::from(x).rem_euclid(there_and_back);
+    along.min(there_and_back - along).min(i64::from(limit)) as i32
 }
 
 /// Weighs four neighbours by the fractions of `x` (7 bits of it, then 7 bits of the mean) and `y`.
@@ -104,7 +121,12 @@ mod tests {
     use proptest::prelude::*;
 
     fn line(level: Level, plane: PlaneRef<'_>, start: [i32; 2], step: [i32; 2], out: &mut [u8]) {
-        let cells = Cells { start: [&[start[0]], &[start[1]]], step: [&[step[0]], &[step[1]]], wide: out.len() };
+        let cells = Cells {
+            start: [&[start[0]], &[start[1]]],
+            step: [&[step[0]], &[step[1]]],
+            wide: out.len(),
+            outside: Outside::Edge,
+        };
         row(level, plane, cells, out);
     }
 
@@ -158,6 +180,7 @@ mod tests {
             short in 0usize..5,
             seed in any::<u32>(),
             extremes in any::<bool>(),
+            outside in prop::sample::select(vec![Outside::Edge, Outside::Mirror, Outside::Value(77)]),
         ) {
             let stride = w + padding;
             let sample = |i: usize| {
@@ -172,8 +195,20 @@ mod tests {
                 let (cell, n) = (x / wide, (x % wide) as i32);
                 // the place of the eighth pixel before, and the step, in 1/4096
                 let at = |start: i32, step: i32| 16 * ((start + n / 8 * 8 * step).div_euclid(16) + n % 8 * step.div_euclid(16));
-                let px = at(starts[cell].0, step[0]).clamp(0, (w as i32 - 1) << 16) + HALF_STEP;
-                let py = at(starts[cell].1, step[1]).clamp(0, (h as i32 - 1) << 16);
+                let (px, py) = (at(starts[cell].0, step[0]), at(starts[cell].1, step[1]));
+                let limit = [w, h].map(|size| (size as i32 - 1) << 16);
+                if outside == Outside::Value(77) && (px < 0 || py < 0 || px > limit[0] || py > limit[1]) {
+                    *wanted = 77;
+                    continue;
+                }
+                let inside = |mut x: i32, limit: i32| {
+                    // by hand: back from whichever edge was crossed
+                    while outside == Outside::Mirror && limit > 0 && !(0..=limit).contains(&x) {
+                        x = if x < 0 { -x } else { 2 * limit - x };
+                    }
+                    x.clamp(0, limit)
+                };
+                let (px, py) = (inside(px, limit[0]) + HALF_STEP, inside(py, limit[1]));
                 let sample = |dx: usize, dy: usize| {
                     data[((py >> 16) as usize + dy).min(h - 1) * stride + ((px >> 16) as usize + dx).min(w - 1)]
                 };
@@ -183,7 +218,7 @@ mod tests {
             let (dxs, dys) = (vec![step[0]; xs.len()], vec![step[1]; xs.len()]);
             for level in Level::all() {
                 let mut out = vec![0xAA; width + 9];
-                let cells = Cells { start: [&xs, &ys], step: [&dxs, &dys], wide };
+                let cells = Cells { start: [&xs, &ys], step: [&dxs, &dys], wide, outside };
                 row(level, plane, cells, &mut out[..width]);
                 prop_assert_eq!(&out, &wanted, "{}", level.name());
             }

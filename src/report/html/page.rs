@@ -6,7 +6,7 @@ use super::plot::{Plot, Series, escaped};
 use super::{Report, Sample, inside};
 use crate::config::{Settings, keys};
 use crate::frame::{Outcome, Stage};
-use crate::pipeline::Totals;
+use crate::pipeline::{Params, Totals};
 use crate::report::{Stats, outcome_name};
 use crate::stage::shutter::{Known, Model, Parameters};
 
@@ -25,12 +25,16 @@ fn readout(report: &Report) -> String {
     }
 }
 
-/// When the model knows a frame's motion.
-fn latency(report: &Report) -> &'static str {
-    let shutter = &report.settings.pipeline.shutter;
-    match (shutter.model, shutter.parameters) {
+/// When the model knows a frame's motion, and how long it is kept beyond that.
+fn latency(report: &Report) -> String {
+    let Params { shutter, smooth, .. } = &report.settings.pipeline;
+    let model = match (shutter.model, shutter.parameters) {
         (Model::Cho2007, Parameters::TimeT) => "A frame's motion is known when the next one is there: one frame late",
         (Model::Cho2007, Parameters::TimeT1) | (Model::Continuous, _) => "A frame's motion is known at once: no latency",
+    };
+    match smooth.lookahead_ms {
+        late_ms if late_ms > 0.0 => format!("{model}. Look-ahead adds up to {late_ms:.0} ms"),
+        _ => model.into(),
     }
 }
 

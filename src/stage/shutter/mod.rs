@@ -128,6 +128,11 @@ impl Shutter {
         }
     }
 
+    /// Whether the model is built on the pair's homography; one that is not says of each track how far it agrees.
+    pub fn asks_homography(&self) -> bool {
+        matches!(self, Self::Cho2007(_))
+    }
+
     /// How many frames later a frame's motion is known.
     pub fn frames_late(&self) -> usize {
         match self {

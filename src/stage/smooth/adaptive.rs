@@ -5,54 +5,60 @@ use super::Tuning;
 use super::forecast::Forecast;
 use super::plan::{self, Ahead, Motion};
 
-/// Least length of a tick, seconds: frames that come faster are taken several at a time.
-const LEAST_TICK_S: f64 = 0.8 / 30.0;
-/// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
-const OFF: f64 = 1.3;
-
 /// After a push, the way to the camera is not covered faster than in so many ticks.
 const CATCH_UP_TICKS: f64 = 2.0;
 
 /// One channel of the virtual camera.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Drive {
-    forecast: Forecast,
     /// In the path's units, and ticks.
     motion: Motion,
-    /// Frames to a tick, and its length in seconds.
-    frames: f64,
+    /// Length of these ticks, seconds.
     tick_s: f64,
 }
 
+/// What a step is made in.
+#[derive(Clone, Copy, Debug)]
+pub struct Circumstances {
+    /// The camera's place.
+    pub camera: f64,
+    /// Seconds since the step before.
+    pub interval_s: f64,
+    /// Seconds for which the camera's path from here on is known.
+    pub known_s: f64,
+    /// Half of the crop window.
+    pub half: f64,
+    /// Least and most correction.
+    pub now: [f64; 2],
+    /// The same later, as far as is known.
+    pub later: [f64; 2],
+}
+
 impl Drive {
-    /// Knows nothing; to begin before it steps.
-    pub fn new() -> Self {
-        Self { forecast: Forecast::new(), motion: Motion::default(), frames: 1.0, tick_s: 1.0 }
+    /// The virtual camera stands at `place`.
+    pub fn begin(&mut self, place: f64) {
+        *self = Self { motion: Motion { place, ticks: 1.0, ..Motion::default() }, tick_s: 0.0 };
     }
 
-    /// The camera is at `camera`, the virtual camera at `place`, frames come every `interval_s`; `half` is half of the crop window.
-    pub fn begin(&mut self, tuning: &Tuning, camera: f64, place: f64, interval_s: f64, half: f64) {
-        self.frames = (LEAST_TICK_S / interval_s).ceil().max(1.0);
-        self.tick_s = self.frames * interval_s;
-        self.forecast.begin(tuning, camera, half);
-        self.motion = Motion { place, ticks: 1.0 / self.frames, ..Motion::default() };
-    }
-
-    /// The virtual camera's place `interval_s` seconds on, when the camera is at `camera`; half of the window is `half`, the correction
-    /// may be `now` and, as far as is known, `later`.
-    pub fn step(&mut self, tuning: &Tuning, camera: f64, interval_s: f64, half: f64, now: [f64; 2], later: [f64; 2]) -> f64 {
-        self.keep_time(tuning, camera, interval_s, half);
+    /// The virtual camera's place.
+    pub fn step(&mut self, tuning: &Tuning, forecast: &Forecast, at: &Circumstances) -> f64 {
+        let Circumstances { camera, interval_s, known_s, half, now, later } = *at;
+        self.keep_time(forecast.tick_s(), interval_s);
         let ticks = interval_s / self.tick_s;
-        let expected = self.forecast.step(tuning, camera, ticks, self.tick_s, half);
-        let deviations = self.forecast.deviations();
-        let believed = |deviation: f64| tuning.doubt * (deviation / half).hypot(tuning.least_deviation);
-        let ahead = Ahead {
-            camera: std::array::from_fn(|i| if i == 0 { 0.0 } else { expected[i - 1] / half }),
-            deviation: std::array::from_fn(|i| if i == 0 { plan::NOW } else { believed(deviations[i - 1]) }),
-            now: now.map(|edge| edge / half),
-            later: later.map(|edge| edge / half),
+        let mut ahead = Ahead {
+            later: later.map(|edge| tuning.later * edge / half),
+            known: later.map(|edge| tuning.known * edge / half),
             tick_s: self.tick_s,
+            known_s,
+            ..Ahead::default()
         };
+        for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
+            let seconds = i as f64 * self.tick_s - known_s;
+            let (expected, error) = forecast.at(seconds);
+            *place = (expected - camera) / half;
+            let believed = tuning.doubt * (error / half).hypot(tuning.least_deviation);
+            *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
+        }
         let Motion { place, speed, acceleration, ticks: before } = self.motion;
         let motion =
             Motion { place: (place - camera) / half, speed: speed / half, acceleration: acceleration / half, ticks: before };
@@ -75,16 +81,17 @@ impl Drive {
         }
     }
 
-    /// Chooses ticks of another length where the rate of the frames has changed.
-    fn keep_time(&mut self, tuning: &Tuning, camera: f64, interval_s: f64, half: f64) {
-        let off = interval_s * self.frames / self.tick_s;
-        if !(1.0 / OFF..OFF).contains(&off) {
-            let motion = self.motion;
-            let before_s = self.tick_s;
-            self.begin(tuning, camera, motion.place, interval_s, half);
-            let longer = self.tick_s / before_s;
-            (self.motion.speed, self.motion.acceleration) = (motion.speed * longer, motion.acceleration * longer * longer);
+    /// Takes ticks of the length that the forecast has now.
+    fn keep_time(&mut self, tick_s: f64, interval_s: f64) {
+        if self.tick_s == 0.0 {
+            self.motion.ticks = interval_s / tick_s;
+        } else if self.tick_s != tick_s {
+            let longer = tick_s / self.tick_s;
+            self.motion.speed *= longer;
+            self.motion.acceleration *= longer * longer;
+            self.motion.ticks /= longer;
         }
+        self.tick_s = tick_s;
     }
 }
 

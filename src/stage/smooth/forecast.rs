@@ -19,15 +19,20 @@ const PAST: usize = 120;
 const HISTORY: usize = 256;
 /// Ticks ahead for which [`Tuning::first_error`] is the error that is expected at first.
 const FIRST: f64 = 6.0;
+/// Least length of a tick, seconds: frames that come faster are taken several at a time.
+const LEAST_TICK_S: f64 = 0.8 / 30.0;
+/// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
+const OFF: f64 = 1.3;
 
 /// A frame as it was seen.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
-    /// Ticks.
+    /// Seconds.
     time: f64,
     place: f64,
-    /// Ways that were then expected, from there to 1, 2 .. ticks on.
+    /// Ways that were then expected, from there to 1, 2 .. ticks of that length (seconds) on; a length of 0 where nothing was.
     expected: [f32; AHEAD],
+    tick_s: f64,
 }
 
 /// A channel's forecast.
@@ -37,6 +42,9 @@ pub struct Forecast {
     history: Vec<Sample>,
     newest: usize,
     seen: usize,
+    /// Length of a tick (seconds), and frames to one; 0 before there is one.
+    tick_s: f64,
+    frames: f64,
     /// Mean squares of the errors, 1, 2 .. ticks on.
     squares: [f64; AHEAD],
 }
@@ -44,40 +52,92 @@ pub struct Forecast {
 impl Forecast {
     /// Knows nothing.
     pub fn new() -> Self {
-        let sample = Sample { time: 0.0, place: 0.0, expected: [0.0; AHEAD] };
-        Self { history: vec![sample; HISTORY], newest: 0, seen: 0, squares: [0.0; AHEAD] }
+        let sample = Sample { time: 0.0, place: 0.0, expected: [0.0; AHEAD], tick_s: 0.0 };
+        Self { history: vec![sample; HISTORY], newest: 0, seen: 0, tick_s: 0.0, frames: 1.0, squares: [0.0; AHEAD] }
     }
 
-    /// The camera is seen for the first time, at `place`; `unit` is half of the crop window.
-    pub fn begin(&mut self, tuning: &Tuning, place: f64, unit: f64) {
-        self.newest = 0;
-        self.seen = 1;
-        self.history[0] = Sample { time: 0.0, place, expected: [0.0; AHEAD] };
-        self.squares = std::array::from_fn(|j| (tuning.first_error * unit * ((j + 1) as f64 / FIRST).min(1.0)).powi(2));
+    /// The camera is seen for the first time, at `place`.
+    pub fn begin(&mut self, place: f64) {
+        (self.newest, self.seen, self.tick_s) = (0, 1, 0.0);
+        self.history[0] = Sample { time: 0.0, place, expected: [0.0; AHEAD], tick_s: 0.0 };
     }
 
-    /// Standard deviations of the forecasts, 1, 2 .. ticks on.
-    pub fn deviations(&self) -> [f64; AHEAD] {
-        self.squares.map(f64::sqrt)
+    /// Length of a tick, seconds.
+    pub fn tick_s(&self) -> f64 {
+        self.tick_s
     }
 
-    /// The camera is at `place`, `ticks` of `tick_s` seconds after the frame before; gives how far it will have gone 1, 2 .. ticks on.
-    pub fn step(&mut self, tuning: &Tuning, place: f64, ticks: f64, tick_s: f64, unit: f64) -> [f64; AHEAD] {
-        let time = self.history[self.newest].time + ticks;
+    /// The camera is at `place`, `interval_s` seconds after the frame before; `unit` is half of the crop window; 0 where nothing
+    /// is to be foreseen.
+    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, unit: f64) {
+        let time = self.history[self.newest].time + interval_s;
         self.newest = (self.newest + 1) % HISTORY;
         self.seen = (self.seen + 1).min(HISTORY);
-        self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD] };
-        self.compare(1.0 - (-ticks * tick_s / tuning.error_s).exp(), ticks);
+        self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD], tick_s: 0.0 };
+        if interval_s <= 0.0 || !unit.is_finite() || unit <= 0.0 {
+            return;
+        }
+        self.keep_time(tuning, interval_s, unit);
+        self.compare(1.0 - (-interval_s / tuning.error_s).exp(), interval_s);
         let mut ways = [0.0; PAST];
         let count = self.ways(&mut ways);
-        let weights = burg(&ways[..count], (-tick_s / tuning.forget_s).exp(), tuning.ridge * unit * unit);
-        let expected = predict(&weights, &ways[..count]);
-        self.history[self.newest].expected = expected.map(|way| way as f32);
-        expected
+        let weights = burg(&ways[..count], (-self.tick_s / tuning.forget_s).exp(), tuning.ridge * unit * unit);
+        let newest = &mut self.history[self.newest];
+        newest.expected = predict(&weights, &ways[..count]).map(|way| way as f32);
+        newest.tick_s = self.tick_s;
+    }
+
+    /// Where the camera is `seconds` after the newest frame (before it, where negative), and the standard deviation of that.
+    pub fn at(&self, seconds: f64) -> (f64, f64) {
+        let newest = self.frame(0);
+        if seconds <= 0.0 {
+            return (self.seen_at(newest.time + seconds, &mut 1).unwrap_or(self.frame(self.seen.max(1) - 1).place), 0.0);
+        }
+        let ticks = seconds / self.tick_s;
+        let sooner = (ticks as usize).min(AHEAD);
+        let part = if sooner < AHEAD { ticks - sooner as f64 } else { 0.0 };
+        let of = |values: &dyn Fn(usize) -> f64| {
+            let value = |n: usize| if n == 0 { 0.0 } else { values(n - 1) };
+            value(sooner) + part * (value((sooner + 1).min(AHEAD)) - value(sooner))
+        };
+        (newest.place + of(&|j| f64::from(newest.expected[j])), of(&|j| self.squares[j].sqrt()))
     }
 
     fn frame(&self, age: usize) -> &Sample {
         &self.history[(self.newest + HISTORY - age) % HISTORY]
+    }
+
+    /// Chooses ticks of another length where the rate of the frames has changed.
+    fn keep_time(&mut self, tuning: &Tuning, interval_s: f64, unit: f64) {
+        let before_s = self.tick_s;
+        if before_s > 0.0 && (1.0 / OFF..OFF).contains(&(interval_s * self.frames / before_s)) {
+            return;
+        }
+        self.frames = (LEAST_TICK_S / interval_s).ceil().max(1.0);
+        self.tick_s = self.frames * interval_s;
+        let (before, longer) = (self.squares, self.tick_s / before_s);
+        self.squares = std::array::from_fn(|j| {
+            let tick = (j + 1) as f64;
+            if before_s > 0.0 {
+                before[((tick * longer).round() as usize).clamp(1, AHEAD) - 1]
+            } else {
+                (tuning.first_error * unit * (tick / FIRST).min(1.0)).powi(2)
+            }
+        });
+    }
+
+    /// Where the camera was seen at a time, between frames too; none where that was before all that is remembered. `age` is where the
+    /// search begins, and where it ended.
+    fn seen_at(&self, time: f64, age: &mut usize) -> Option<f64> {
+        while *age < self.seen && self.frame(*age).time > time + 1e-6 * self.tick_s {
+            *age += 1;
+        }
+        if *age >= self.seen {
+            return None;
+        }
+        let (sooner, later) = (self.frame(*age), self.frame(*age - 1));
+        let part = ((time - sooner.time) / (later.time - sooner.time).max(1e-9)).clamp(0.0, 1.0);
+        Some(sooner.place + part * (later.place - sooner.place))
     }
 
     /// The ways of the last ticks, the newest first; gives how many there are.
@@ -85,16 +145,7 @@ impl Forecast {
         let newest = self.frame(0);
         let (mut after, mut age) = (newest.place, 1);
         for (i, way) in ways.iter_mut().enumerate() {
-            let time = newest.time - (i + 1) as f64;
-            while age < self.seen && self.frame(age).time > time + 1e-6 {
-                age += 1;
-            }
-            if age >= self.seen {
-                return i;
-            }
-            let (sooner, later) = (self.frame(age), self.frame(age - 1));
-            let part = ((time - sooner.time) / (later.time - sooner.time)).clamp(0.0, 1.0);
-            let place = sooner.place + part * (later.place - sooner.place);
+            let Some(place) = self.seen_at(newest.time - (i + 1) as f64 * self.tick_s, &mut age) else { return i };
             *way = after - place;
             after = place;
         }
@@ -102,20 +153,22 @@ impl Forecast {
     }
 
     /// Holds what was expected of now against what is.
-    fn compare(&mut self, news: f64, ticks: f64) {
+    fn compare(&mut self, news: f64, interval_s: f64) {
         let Sample { time, place, .. } = *self.frame(0);
         let mut age = 1;
         for j in 0..AHEAD {
-            let then = time - (j + 1) as f64;
-            while age < self.seen && self.frame(age).time > then + 0.5 * ticks.min(1.0) {
+            let then = time - (j + 1) as f64 * self.tick_s;
+            while age < self.seen && self.frame(age).time > then + 0.5 * interval_s.min(self.tick_s) {
                 age += 1;
             }
             if age >= self.seen {
                 return;
             }
             let sample = self.frame(age);
-            let error = place - sample.place - f64::from(sample.expected[j]);
-            self.squares[j] += news * (error * error - self.squares[j]);
+            if sample.tick_s == self.tick_s {
+                let error = place - sample.place - f64::from(sample.expected[j]);
+                self.squares[j] += news * (error * error - self.squares[j]);
+            }
         }
     }
 }
@@ -186,15 +239,15 @@ mod tests {
         let tuning = Tuning::default();
         let mut forecast = Forecast::new();
         let path = |k: f64| (0.4 * k).sin() + 0.3 * (0.9 * k + 1.0).sin();
-        forecast.begin(&tuning, path(0.0), 1.0);
-        let mut expected = [0.0; AHEAD];
+        forecast.begin(path(0.0));
         for k in 1..400 {
-            expected = forecast.step(&tuning, path(f64::from(k)), 1.0, 1.0 / 30.0, 1.0);
+            forecast.observe(&tuning, path(f64::from(k)), 1.0 / 30.0, 1.0);
         }
-        for (j, expected) in expected.iter().enumerate().take(6) {
-            let way = path(399.0 + (j + 1) as f64) - path(399.0);
-            assert!((expected - way).abs() < 0.05, "{j}: {expected}, {way}");
-            assert!(forecast.deviations()[j] < 0.05);
+        for j in -6..=6 {
+            let (expected, deviation) = forecast.at(f64::from(j) / 30.0);
+            let place = path(399.0 + f64::from(j));
+            assert!((expected - place).abs() < if j > 0 { 0.05 } else { 1e-6 }, "{j}: {expected}, {place}");
+            assert!(deviation < 0.05 && (deviation > 0.0) == (j > 0), "{j}: {deviation}");
         }
     }
 
@@ -207,12 +260,15 @@ mod tests {
         };
         let tuning = Tuning::default();
         let mut forecast = Forecast::new();
-        forecast.begin(&tuning, 0.0, 1.0);
+        forecast.begin(0.0);
         let mut place = 0.0;
         for k in 0..600 {
             place += if k % 97 == 0 { 50.0 } else { random() };
-            let expected = forecast.step(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4], 1.0 / 30.0, 1.0);
-            assert!(expected.iter().all(|way| way.abs() < 2000.0), "{k}: {expected:?}");
+            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, 1.0);
+            for ahead in 0..30 {
+                let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
+                assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
+            }
         }
     }
 
@@ -220,9 +276,10 @@ mod tests {
     fn a_still_camera_stays() {
         let tuning = Tuning::default();
         let mut forecast = Forecast::new();
-        forecast.begin(&tuning, 3.0, 1.0);
+        forecast.begin(3.0);
         for _ in 0..100 {
-            assert_eq!(forecast.step(&tuning, 3.0, 1.0, 1.0 / 30.0, 1.0), [0.0; AHEAD]);
+            forecast.observe(&tuning, 3.0, 1.0 / 30.0, 1.0);
+            assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
         }
     }
 }

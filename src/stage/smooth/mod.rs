@@ -15,6 +15,8 @@ use std::f64::consts::TAU;
 
 use super::crop::{Room, Rows};
 use crate::geometry::Pose;
+use adaptive::Circumstances;
+use forecast::Forecast;
 pub use tuning::Tuning;
 
 /// Which drive moves the virtual camera.
@@ -34,13 +36,15 @@ pub struct Params {
     pub mode: Mode,
     /// How steady: the part of the crop window that may be used (0 to 1). 0 takes out nothing but rolling shutter.
     pub strength: f64,
+    /// Adaptive alone: milliseconds by which frames may be late so that the path is planned with what comes (0 to 500).
+    pub lookahead_ms: f64,
     /// Iir alone: motion slower than this is followed, faster is taken out (Hz, 0.05 to 10).
     pub cutoff_hz: f64,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { mode: Mode::default(), strength: 1.0, cutoff_hz: 0.6 }
+        Self { mode: Mode::default(), strength: 1.0, lookahead_ms: 0.0, cutoff_hz: 0.6 }
     }
 }
 
@@ -62,8 +66,11 @@ pub struct Smoother {
     tuning: Tuning,
     /// Strength as it is, on its way to the one that is wanted.
     strength: f64,
-    /// Whether a stream has begun.
+    /// Whether a stream has begun: whether a camera was observed, and whether the virtual one was placed.
+    observed: bool,
     begun: bool,
+    /// Half of the crop window, as it was last.
+    half: Pose,
     channels: [Channel; 4],
 }
 
@@ -73,6 +80,8 @@ struct Channel {
     camera: f64,
     /// The virtual camera's.
     place: f64,
+    /// Where the camera goes.
+    forecast: Forecast,
     /// The adaptive drive, and whether it moved the place last.
     drive: adaptive::Drive,
     driven: bool,
@@ -92,7 +101,8 @@ impl Smoother {
         let channel = || Channel {
             camera: 0.0,
             place: 0.0,
-            drive: adaptive::Drive::new(),
+            forecast: Forecast::new(),
+            drive: adaptive::Drive::default(),
             driven: false,
             filter: iir::LowPass::default(),
             gain: 1.0,
@@ -101,7 +111,9 @@ impl Smoother {
             params: *params,
             tuning: *tuning,
             strength: params.strength,
+            observed: false,
             begun: false,
+            half: [0.0; 4],
             channels: [channel(), channel(), channel(), channel()],
         }
     }
@@ -113,8 +125,20 @@ impl Smoother {
 
     /// A stream begins: the next path is followed from where it is.
     pub fn begin(&mut self) {
-        self.begun = false;
+        (self.observed, self.begun, self.half) = (false, false, [0.0; 4]);
         self.strength = self.params.strength;
+    }
+
+    /// The camera is seen at `camera`, `interval_s` seconds after the frame before.
+    pub fn observe(&mut self, camera: Pose, interval_s: f64) {
+        for ((channel, camera), half) in self.channels.iter_mut().zip(camera).zip(self.half) {
+            let unit = if self.params.mode == Mode::Adaptive { half } else { 0.0 };
+            match self.observed {
+                true => channel.forecast.observe(&self.tuning, camera, interval_s.clamp(0.0, 10.0), unit),
+                false => channel.forecast.begin(camera),
+            }
+        }
+        self.observed = true;
     }
 
     /// The correction that the frame before got.
@@ -122,8 +146,10 @@ impl Smoother {
         if self.begun { std::array::from_fn(|c| self.channels[c].correction()) } else { [0.0; 4] }
     }
 
-    /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`.
-    pub fn step(&mut self, camera: Pose, interval_s: f64, room: &Room) -> Pose {
+    /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`. What was observed
+    /// last is `known_s` seconds later.
+    pub fn step(&mut self, camera: Pose, interval_s: f64, known_s: f64, room: &Room) -> Pose {
+        self.half = std::array::from_fn(|c| room.half()[c] * SHARE[c]);
         if !self.begun {
             self.begun = true;
             for (channel, camera) in self.channels.iter_mut().zip(camera) {
@@ -135,7 +161,7 @@ impl Smoother {
         let goal = self.params.strength.clamp(0.0, 1.0);
         self.strength += (goal - self.strength).clamp(-interval_s / STRENGTH_S, interval_s / STRENGTH_S);
         for c in ORDER {
-            let half = room.half()[c] * SHARE[c] * self.strength;
+            let half = self.half[c] * self.strength;
             if !half.is_finite() || half <= 0.0 {
                 // a channel that moves nothing, or no window at all
                 self.channels[c].follow(camera[c]);
@@ -147,7 +173,9 @@ impl Smoother {
             let channel = &mut self.channels[c];
             if interval_s > 0.0 {
                 match self.params.mode {
-                    Mode::Adaptive => channel.drive(&self.tuning, interval_s, half, now, later),
+                    Mode::Adaptive => {
+                        channel.drive(&self.tuning, Circumstances { camera: camera[c], interval_s, known_s, half, now, later });
+                    }
                     Mode::Iir => channel.filter(self.params.cutoff_hz, before, interval_s, later),
                 }
             }
@@ -196,12 +224,15 @@ impl Channel {
         }
     }
 
-    fn drive(&mut self, tuning: &Tuning, interval_s: f64, half: f64, now: [f64; 2], later: [f64; 2]) {
+    fn drive(&mut self, tuning: &Tuning, at: Circumstances) {
+        if self.forecast.tick_s() == 0.0 {
+            return;
+        }
         if !self.driven {
-            self.drive.begin(tuning, self.camera, self.place, interval_s, half);
+            self.drive.begin(self.place);
             self.driven = true;
         }
-        self.place = self.drive.step(tuning, self.camera, interval_s, half, now, later.map(|edge| tuning.later * edge));
+        self.place = self.drive.step(tuning, &self.forecast, &at);
         self.filter = iir::LowPass { input: self.camera, output: self.place, speed: 0.0 };
         self.gain = 1.0;
     }

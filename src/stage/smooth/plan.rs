@@ -6,7 +6,8 @@
 //! sum a_i^2 + wj sum j_i^2 + wv sum v_i^2 + sum rho_i E[excess_i^2]
 //! ```
 //!
-//! with a, j, v the second, third and first differences, and excess_i how far the correction x_i - c_i is outside of the window; c_i is normal, with the forecast's mean and deviation. E has a closed form, and is smooth, so that a few
+//! with a, j, v the second, third and first differences, and excess_i how far the correction x_i - c_i is outside of the window at the
+//! next ticks; c_i is normal, with the forecast's mean and deviation. What the window leaves now is up to the caller. E has a closed form, and is smooth, so that a few
 //! Newton steps on a banded matrix suffice. An excess is what a hard push by the window's edge would cost later; how much of it
 //! counts falls with the time there is left to find out better. Only x_0 is used: with the next frame all is planned anew.
 //!
@@ -15,8 +16,8 @@
 use super::Tuning;
 use super::forecast::AHEAD;
 
-/// Deviation of where the camera is now: a corner that is rounded off, half windows.
-pub const NOW: f64 = 0.01;
+/// Deviation of where the camera is known to be: a corner that is rounded off, half windows.
+pub const KNOWN: f64 = 0.01;
 /// Newton steps at most.
 const ROUNDS: usize = 6;
 /// A step that changes nothing more, half windows.
@@ -38,18 +39,20 @@ pub struct Motion {
 }
 
 /// What the plan is made against.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Ahead {
     /// Where the camera is, and will be at 1, 2 .. ticks.
     pub camera: [f64; AHEAD],
     /// Standard deviations of that.
     pub deviation: [f64; AHEAD],
-    /// Least and most correction now.
-    pub now: [f64; 2],
-    /// The same later.
+    /// Least and most correction later, as far as the camera's places are known, and from there on.
+    pub known: [f64; 2],
+    /// See `known`.
     pub later: [f64; 2],
     /// Length of a tick, seconds.
     pub tick_s: f64,
+    /// Seconds from now on for which the camera's places are known, not expected.
+    pub known_s: f64,
 }
 
 /// A linear form in x_(i-3) .. x_i, and a constant.
@@ -71,10 +74,13 @@ pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 
     let mut x: [f64; AHEAD] = std::array::from_fn(|i| motion.place + motion.speed * (ticks + i as f64));
     for _ in 0..ROUNDS {
         let (mut matrix, mut vector) = (equations, right);
-        for i in 0..AHEAD {
-            let edges = if i == 0 { ahead.now } else { ahead.later };
-            let weight =
-                if i == 0 { tuning.rho_now } else { tuning.rho * (-(i as f64) * ahead.tick_s / tuning.option_s).exp() };
+        for i in 1..AHEAD {
+            let left_s = i as f64 * ahead.tick_s - ahead.known_s;
+            let (edges, weight, slow) = if left_s <= 0.0 {
+                (ahead.known, tuning.rho_known, 1.0)
+            } else {
+                (ahead.later, tuning.rho * (-left_s / tuning.option_s).exp(), slow)
+            };
             let off = x[i] - ahead.camera[i];
             let (mut slope, mut curve) = (0.0, 1e-9);
             for (sign, edge) in

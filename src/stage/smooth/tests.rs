@@ -8,9 +8,15 @@ fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f6
     let mut smoother = Smoother::new(&Params { mode: Mode::Iir, cutoff_hz, ..Params::default() });
     let mut out = 0.0;
     for k in 0..=(rate * seconds) as usize {
-        out = smoother.step([path(k as f64 / rate); 4], 1.0 / rate, &wide())[0];
+        out = step(&mut smoother, [path(k as f64 / rate); 4], 1.0 / rate, &wide())[0];
     }
     out
+}
+
+/// A frame that is placed as soon as it is seen.
+fn step(smoother: &mut Smoother, camera: Pose, interval_s: f64, room: &Room) -> Pose {
+    smoother.observe(camera, interval_s);
+    smoother.step(camera, interval_s, 0.0, room)
 }
 
 /// A window so wide that nothing touches it.
@@ -52,7 +58,7 @@ fn a_sine_at_the_cutoff_loses_three_decibels() {
     let mut most = 0.0f64;
     for k in 0..3000 {
         let t = k as f64 / 200.0;
-        let out = smoother.step([(TAU * 0.6 * t).sin(); 4], 0.005, &wide())[0];
+        let out = step(&mut smoother, [(TAU * 0.6 * t).sin(); 4], 0.005, &wide())[0];
         if t > 10.0 {
             most = most.max(out);
         }
@@ -79,7 +85,24 @@ fn follow(params: Params, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -
     (0..(rate * seconds) as usize)
         .map(|k| {
             let camera = path(k as f64 / rate);
-            (camera, smoother.step(camera, if k > 0 { 1.0 / rate } else { 0.0 }, &room))
+            (camera, step(&mut smoother, camera, if k > 0 { 1.0 / rate } else { 0.0 }, &room))
+        })
+        .collect()
+}
+
+/// The same where frames may be so many late.
+fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+    let (mut smoother, room) = (Smoother::new(&Params::default()), window());
+    let interval = |k: usize| if k > 0 { 1.0 / rate } else { 0.0 };
+    let (count, mut seen) = ((rate * seconds) as usize, 0);
+    (0..count)
+        .map(|k| {
+            while seen < count && seen <= k + late {
+                smoother.observe(path(seen as f64 / rate), interval(seen));
+                seen += 1;
+            }
+            let camera = path(k as f64 / rate);
+            (camera, smoother.step(camera, interval(k), (seen - 1 - k) as f64 / rate, &room))
         })
         .collect()
 }
@@ -124,6 +147,31 @@ fn nothing_ever_leaves_the_window() {
             }
         }
     }
+}
+
+#[test]
+fn look_ahead_leaves_the_window_never_and_is_steadier_the_farther_it_looks() {
+    let mut sums = [0.0; 3];
+    for seed in 0..24 {
+        let rate = [15.0, 30.0, 60.0][seed as usize % 3];
+        for (late_s, sum) in [0.0, 0.1, 0.4].into_iter().zip(&mut sums) {
+            let path = follow_late((late_s * rate) as usize, rate, 8.0, shake(seed, [3.0, 8.0, 15.0, 40.0][seed as usize % 4]));
+            for (camera, place) in &path {
+                let reach = window().reach(&std::array::from_fn(|c| place[c] - camera[c]));
+                assert!(reach <= 1.0, "seed {seed}, {late_s} s: {reach}");
+            }
+            let rms = |which: fn(&(Pose, Pose)) -> Pose| {
+                let second = |w: &[(Pose, Pose)]| {
+                    let [a, b, c] = [0, 1, 2].map(|i| which(&w[i]));
+                    (0..2).map(|i| (a[i] - 2.0 * b[i] + c[i]).powi(2)).sum::<f64>()
+                };
+                path.windows(3).map(second).sum::<f64>().sqrt()
+            };
+            *sum += rms(|p| p.1) / rms(|p| p.0) / 24.0;
+        }
+    }
+    println!("acceleration's ratio with no look-ahead, 0.1 s, 0.4 s: {sums:.3?}");
+    assert!(sums[1] < 0.9 * sums[0] && sums[2] < 0.9 * sums[1], "{sums:?}");
 }
 
 #[test]
@@ -221,7 +269,7 @@ fn strength_and_mode_glide() {
             smoother.set_params(&changes[k / 90 % 4]);
         }
         let camera = path(k as f64 / 30.0);
-        let place = smoother.step(camera, 1.0 / 30.0, &room);
+        let place = step(&mut smoother, camera, 1.0 / 30.0, &room);
         if let Some((camera_before, before)) = last {
             // a correction is given up within a second: no faster than a few pixels a frame
             let (moved, by) = ((place[0] - before[0]).abs(), (camera[0] - camera_before[0]).abs());

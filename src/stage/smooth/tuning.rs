@@ -1,7 +1,7 @@
 //! The numbers of the adaptive drive, in one place, because they were found together: by a random search over the camera paths of
 //! rendered and real clips and of synthetic hands, walks, vehicles, pans and logged gyroscopes at 15 to 60 frames a second. Weighed
 //! were the output's acceleration and jitter against the input's, and what a pan overshoots. What the search drove to nothing was taken
-//! out: a pull to a slow line through the camera's path, and the loss of speed where the window pushes.
+//! out: a pull to a slow line through the camera's path, the loss of speed where the window pushes, and the weight of an excess now.
 
 /// Numbers of the adaptive drive.
 #[derive(Clone, Copy, Debug)]
@@ -20,36 +20,39 @@ pub struct Tuning {
     pub least_deviation: f64,
     /// Rate at which speed is worth as much as acceleration, Hz.
     pub drag_hz: f64,
-    /// Weight of jerk, of an excess over the window now, and later.
+    /// Weight of jerk, and of an excess over the window that is expected.
     pub jerk: f64,
     /// See `jerk`.
-    pub rho_now: f64,
-    /// See `jerk`.
     pub rho: f64,
+    /// With look-ahead: weight of an excess where the camera's path is known.
+    pub rho_known: f64,
     /// Seconds after which a foreseen excess counts e times less.
     pub option_s: f64,
     /// Speed at which the window ahead is half as wide, half windows to a tick.
     pub lead_speed: f64,
-    /// Share of the window that the plan counts on later.
+    /// Share of the window that the plan counts on later, and with look-ahead where the camera's path is known.
     pub later: f64,
+    /// See `later`.
+    pub known: f64,
 }
 
 impl Default for Tuning {
     fn default() -> Self {
         Self {
-            ridge: 0.00003,
-            forget_s: 45.0,
-            error_s: 0.37,
-            first_error: 0.56,
-            doubt: 0.347,
-            least_deviation: 0.16,
-            drag_hz: 0.495,
-            jerk: 0.0145,
-            rho_now: 0.0152,
-            rho: 0.119,
-            option_s: 0.119,
-            lead_speed: 0.0097,
-            later: 0.85,
+            ridge: 0.000_009,
+            forget_s: 3.75,
+            error_s: 0.063,
+            first_error: 0.177,
+            doubt: 0.379,
+            least_deviation: 0.026,
+            drag_hz: 0.39,
+            jerk: 0.037,
+            rho: 0.189,
+            rho_known: 1.0,
+            option_s: 0.11,
+            lead_speed: 0.0099,
+            later: 0.856,
+            known: 0.95,
         }
     }
 }

@@ -275,3 +275,47 @@ fn nonsense_is_drawn_without_harm() {
         }
     }
 }
+
+/// Where a map reaches beyond the picture: its mirror image, black, or never anything but the picture.
+#[test]
+fn the_border_shows_what_it_is_told() {
+    let (width, height) = (64, 48);
+    let picture = noise(Sampling::S420, width, height);
+    let shifted = |border, by: [f64; 2]| {
+        let mut drawn = Picture::new(Sampling::S420, width, height);
+        let mut warper = Warper::new(Level::detected(), Siting::Centre);
+        warper.set_border(border);
+        let map = Homography(nalgebra::Matrix3::new(1.0, 0.0, by[0], 0.0, 1.0, by[1], 0.0, 0.0, 1.0));
+        warper.draw(&OutputMap::Projective(map), picture.as_ref(), &mut drawn.as_mut());
+        drawn
+    };
+    // twelve columns and ten rows beyond the left and the upper edge
+    let [mirror, black] = [Border::Mirror, Border::Black].map(|border| shifted(border, [-12.0, -10.0]));
+    let luma = |picture: &Picture, x: usize, y: usize| picture.luma().row(y)[x];
+    for y in 0..height {
+        for x in 0..width {
+            let (from_x, from_y) = (x.abs_diff(12), y.abs_diff(10));
+            assert_eq!(luma(&mirror, x, y), luma(&picture, from_x, from_y), "mirrored at {x}, {y}");
+            let seen = if x < 12 || y < 10 { 16 } else { luma(&picture, from_x, from_y) };
+            assert_eq!(luma(&black, x, y), seen, "black at {x}, {y}");
+        }
+    }
+    let colour = black.as_ref().planes[1];
+    assert!((0..5).all(|y| colour.row(y).iter().all(|&c| c == 128)) && colour.row(0).len() == width / 2);
+}
+
+/// An output of another shape has bars, and they are black.
+#[test]
+fn bars_beside_the_picture_are_black() {
+    let (mut picture, mut drawn) = (Picture::new(Sampling::S420, 64, 48), Picture::new(Sampling::S420, 128, 48));
+    picture.as_mut().planes[0].fill(200);
+    let window = crate::stage::crop::Window::new(&crate::stage::crop::Params::default(), [64, 48], [128, 48]);
+    Warper::new(Level::detected(), Siting::Left).draw(
+        &OutputMap::Projective(window.view()),
+        picture.as_ref(),
+        &mut drawn.as_mut(),
+    );
+    let row = drawn.luma().row(24).to_vec();
+    assert!(row[..26].iter().chain(&row[102..]).all(|&luma| luma == 16), "{row:?}");
+    assert!(row[32..96].iter().all(|&luma| luma == 200), "{row:?}");
+}

@@ -38,9 +38,11 @@ pub struct Compared {
 }
 
 impl Compared {
-    fn basis(&self) -> [SVector<f64, BASIS>; 2] {
+    /// What moves the place along x, then along y.
+    #[inline]
+    fn basis(&self) -> [[f64; BASIS]; 2] {
         let [x, y] = self.place;
-        [SVector::from([1.0, x, y, 0.0, 0.0, 0.0, x * x, x * y]), SVector::from([0.0, 0.0, 0.0, 1.0, x, y, x * y, y * y])]
+        [[1.0, x, y, 0.0, 0.0, 0.0, x * x, x * y], [0.0, 0.0, 0.0, 1.0, x, y, x * y, y * y]]
     }
 }
 
@@ -54,23 +56,31 @@ pub struct Agreement {
 impl Agreement {
     /// Takes in what a pair of frames, `interval_s` apart, showed.
     pub fn take(&mut self, tracks: impl Iterator<Item = Compared> + Clone, interval_s: f64) {
-        let mut matrix = SMatrix::<f64, BASIS, BASIS>::identity() * 1e-9;
-        let (mut seen, mut said) = (SVector::<f64, BASIS>::zeros(), SVector::<f64, BASIS>::zeros());
+        let mut matrix = [[0.0; BASIS]; BASIS];
+        let (mut seen, mut said) = ([0.0; BASIS], [0.0; BASIS]);
         let mut sum = 0.0;
         for track in tracks.clone() {
-            for (i, row) in track.basis().iter().enumerate() {
-                matrix.ger(track.weight, row, row, 1.0);
-                seen.axpy(track.weight * track.moved[i], row, 1.0);
-                said.axpy(track.weight * track.by_rows[i], row, 1.0);
+            let [x, y] = track.basis();
+            for i in 0..BASIS {
+                let scaled = [track.weight * x[i], track.weight * y[i]];
+                for j in 0..=i {
+                    matrix[i][j] += scaled[0] * x[j] + scaled[1] * y[j];
+                }
+                seen[i] += scaled[0] * track.moved[0] + scaled[1] * track.moved[1];
+                said[i] += scaled[0] * track.by_rows[0] + scaled[1] * track.by_rows[1];
             }
             sum += track.weight;
         }
+        // the factor is made of the lower triangle alone
+        let entry = |i: usize, j: usize| matrix[i][j] + if i == j { 1e-9 } else { 0.0 };
+        let matrix = SMatrix::<f64, BASIS, BASIS>::from_fn(|i, j| if j <= i { entry(i, j) } else { 0.0 });
         let Some(factor) = matrix.cholesky() else { return };
-        let (seen, said) = (factor.solve(&seen), factor.solve(&said));
+        let [seen, said] = [seen, said].map(|right| factor.solve(&SVector::<f64, BASIS>::from(right)));
         let (mut across, mut square) = (0.0, 0.0);
         for track in tracks {
             for (i, row) in track.basis().iter().enumerate() {
-                let (r, p) = (track.moved[i] - row.dot(&seen), track.by_rows[i] - row.dot(&said));
+                let dot = |solved: &SVector<f64, BASIS>| (0..BASIS).map(|k| row[k] * solved[k]).sum::<f64>();
+                let (r, p) = (track.moved[i] - dot(&seen), track.by_rows[i] - dot(&said));
                 across += track.weight * r * p;
                 square += track.weight * p * p;
             }

@@ -7,6 +7,7 @@
 
 use super::normal::{G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
+use crate::kernel::normal::{POINTS, Sums};
 
 /// Control points held at a time, at most.
 pub const MOST_POINTS: usize = N / 4;
@@ -22,28 +23,13 @@ pub struct Prior {
     pub speed: Pose,
 }
 
-/// A linear measurement of the difference of two poses: `value = derivative * (P(later) - P(sooner))`.
-#[derive(Clone, Copy, Debug)]
-pub struct Difference {
-    /// Times, seconds, as places on the spline.
-    pub sooner: Place,
-    /// See `sooner`.
-    pub later: Place,
-    /// Rows x and y.
-    pub derivative: [Pose; 2],
-    /// Pixels (x, y).
-    pub value: [f64; 2],
-    /// Change of what the path says of `value` (x, y) by each global, pixels a unit.
-    pub by_global: [[f64; 2]; G],
-}
-
 /// A moment as the spline sees it: the first of the four control points that matter, and their weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     first: i64,
-    weights: [f64; 4],
+    pub(super) weights: [f64; 4],
     /// Their derivative by time, 1 / s.
-    rates: [f64; 4],
+    pub(super) rates: [f64; 4],
 }
 
 /// The filter.
@@ -58,6 +44,8 @@ pub struct Filter {
     fresh: usize,
     /// Factors on the information of each fresh point's prior: of acceleration and jerk.
     ease: [[Pose; 2]; MOST_POINTS],
+    /// Factors on the deviations of acceleration and jerk that the prior allows: what this camera's motion is like.
+    spread: [Pose; 2],
     /// Information without, and with the measurements that are being weighed.
     base: Box<Normal>,
     full: Box<Normal>,
@@ -66,6 +54,13 @@ pub struct Filter {
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
 const HUBER: f64 = 2.0;
+/// Seconds in which the prior's deviations follow what is found.
+const LEARN_S: f64 = 2.0;
+/// Mean square of the path's acceleration and jerk, in standard deviations of the prior, where the prior is right: less than 1, as
+/// the path is drawn towards it; the most of one point that counts; and how far the deviations may go from the first ones.
+const USUAL_SQUARE: f64 = 0.7;
+const MOST_NEWS: f64 = 9.0;
+const SPREAD: [f64; 2] = [0.7, 4.0];
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
@@ -79,6 +74,7 @@ impl Filter {
             points: 0,
             fresh: 0,
             ease: [[[1.0; 4]; 2]; MOST_POINTS],
+            spread: [[1.0; 4]; 2],
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
             solution: Solution::new(),
@@ -196,8 +192,9 @@ impl Filter {
         let h = self.spacing_s;
         // averaged over h, white noise has a variance that falls as 1 / h
         let spread = (1.0 / (120.0 * h)).sqrt();
-        let bend = self.prior.acceleration[c] * h * h * spread;
-        let twist = if point >= 3 { self.prior.jerk[c] * h * h * h * spread } else { f64::INFINITY };
+        let [acceleration, jerk] = [self.prior.acceleration[c] * self.spread[0][c], self.prior.jerk[c] * self.spread[1][c]];
+        let bend = acceleration * h * h * spread;
+        let twist = if point >= 3 { jerk * h * h * h * spread } else { f64::INFINITY };
         let step = self.prior.speed[c] * h * spread;
         [([0.0, 1.0, -2.0, 1.0], bend), ([-1.0, 3.0, -3.0, 1.0], twist), ([0.0, 0.0, -1.0, 1.0], step)]
     }
@@ -228,27 +225,51 @@ impl Filter {
     /// what it is while a quiet hand is believed to be quiet.
     pub fn ease_prior(&mut self) {
         for i in 0..self.fresh {
-            let point = self.points - self.fresh + i;
             for c in 0..4 {
-                for (kind, (weights, deviation)) in self.prior_terms(point, c).into_iter().enumerate().take(2) {
-                    if deviation.is_infinite() {
-                        continue;
-                    }
-                    let sum: f64 = (0..4)
-                        .filter(|p| weights[*p] != 0.0)
-                        .map(|p| weights[p] * self.solution.path[4 * (point + p - 3) + c])
-                        .sum();
-                    let z = sum / deviation;
-                    self.ease[i][kind][c] = (HUBER / z.abs()).min(1.0);
+                for (kind, z) in self.bent(i, c).into_iter().enumerate() {
+                    self.ease[i][kind][c] = z.map_or(1.0, |z| (HUBER / z.abs()).min(1.0));
                 }
             }
         }
     }
 
-    /// Whether the control points of a moment are held.
+    /// Acceleration and jerk of the path at the fresh point `i`, in standard deviations of the prior; none where it has none.
+    fn bent(&self, i: usize, c: usize) -> [Option<f64>; 2] {
+        let point = self.points - self.fresh + i;
+        let [bend, twist, _] = self.prior_terms(point, c);
+        [bend, twist].map(|(weights, deviation)| {
+            let sum = |p: usize| weights[p] * self.solution.path[4 * (point + p - 3) + c];
+            let terms = (0..4).filter(|p| weights[*p] != 0.0).map(sum);
+            (deviation.is_finite()).then(|| terms.sum::<f64>() / deviation)
+        })
+    }
+
+    /// Learns how this camera moves from the path that was found, `seconds` after the last time: a vehicle's is rougher than a
+    /// hand's.
+    pub fn learn_prior(&mut self, seconds: f64) {
+        let news = 1.0 - (-seconds / LEARN_S).exp();
+        for kind in 0..2 {
+            for c in 0..4 {
+                let squares = (0..self.fresh).filter_map(|i| self.bent(i, c)[kind]).map(|z| (z * z).min(MOST_NEWS));
+                let (sum, count) = squares.fold((0.0, 0u32), |(sum, count), square| (sum + square, count + 1));
+                if count > 0 {
+                    let off = sum / f64::from(count) / USUAL_SQUARE - 1.0;
+                    self.spread[kind][c] = (self.spread[kind][c] * (0.5 * news * off).exp()).clamp(SPREAD[0], SPREAD[1]);
+                }
+            }
+        }
+    }
+
+    /// Where among the control points held those of a moment begin; `None` where they are not held.
     #[inline]
-    fn holds(&self, place: &Place) -> bool {
-        place.first >= self.first && place.first + 4 <= self.first + self.points as i64
+    pub fn offset(&self, place: &Place) -> Option<usize> {
+        let held = place.first >= self.first && place.first + 4 <= self.first + self.points as i64;
+        held.then(|| (place.first - self.first) as usize)
+    }
+
+    /// The path's control points at two moments, four from each offset on.
+    pub fn points(&self, offsets: [usize; 2]) -> [[f64; 4]; POINTS] {
+        std::array::from_fn(|k| std::array::from_fn(|c| self.solution.path[4 * point(offsets, k) + c]))
     }
 
     /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
@@ -257,106 +278,46 @@ impl Filter {
         self.add_prior();
     }
 
-    /// Adds a measurement with its information (1 / variance, 1 / pixels^2) on trial.
-    #[inline]
-    pub fn add(&mut self, measured: &Difference, information: f64) {
-        if !self.holds(&measured.sooner) || !self.holds(&measured.later) {
-            return;
-        }
-        let Difference { sooner, later, derivative: [dx, dy], value, by_global } = measured;
-        // information of the difference itself
-        let mut inner = [[0.0; 4]; 4];
-        let mut right = [0.0; 4];
-        for i in 0..4 {
-            for j in 0..4 {
-                inner[i][j] = information * (dx[i] * dx[j] + dy[i] * dy[j]);
-            }
-            right[i] = information * (dx[i] * value[0] + dy[i] * value[1]);
-        }
-        let offset = |place: &Place| (place.first - self.first) as usize;
-        // overlapping points of both moments are summed first: at most eight points in a row where the moments are near
-        let (a, b) = (offset(sooner), offset(later));
-        let mut touched = [(0usize, 0.0f64); 8];
-        let mut count = 0;
-        for (base, place, sign) in [(a, sooner, -1.0), (b, later, 1.0)] {
-            for (i, weight) in place.weights.into_iter().enumerate() {
-                let point = base + i;
-                if let Some(known) = touched[..count].iter_mut().find(|(p, _)| *p == point) {
-                    known.1 += sign * weight;
-                } else {
-                    touched[count] = (point, sign * weight);
-                    count += 1;
-                }
-            }
-        }
-        let touched = &touched[..count];
-        for (g, [gx, gy]) in by_global.iter().enumerate() {
-            if *gx == 0.0 && *gy == 0.0 {
-                continue;
-            }
-            for (h, [hx, hy]) in by_global.iter().enumerate() {
-                self.full.corner[g][h] += information * (gx * hx + gy * hy);
-            }
-            self.full.corner_right[g] += information * (gx * value[0] + gy * value[1]);
-            for &(p, weight) in touched {
-                for c in 0..4 {
-                    self.full.cross[g][4 * p + c] += weight * information * (gx * dx[c] + gy * dy[c]);
-                }
-            }
-        }
-        for &(p, wp) in touched {
+    /// Adds measurements of the same control points, four from each offset on, on trial.
+    pub fn add(&mut self, offsets: [usize; 2], sums: &Sums) {
+        let mut pairs = sums.paired.iter();
+        for p in 0..POINTS {
+            let to = point(offsets, p);
             for c in 0..4 {
-                self.full.right[4 * p + c] += wp * right[c];
-            }
-            for &(q, wq) in touched {
-                if q > p {
-                    continue;
+                self.full.right[4 * to + c] += sums.single[p][c];
+                for g in 0..G {
+                    self.full.cross[g][4 * to + c] += sums.single[p][4 * (1 + g) + c];
                 }
-                let weight = wp * wq;
-                for (c, inner) in inner.iter().enumerate() {
-                    let row = &mut self.full.matrix[(4 * p + c) * N + 4 * q..][..4];
-                    for (value, inner) in row.iter_mut().zip(inner) {
-                        *value += weight * inner;
+            }
+            for (q, pair) in (0..=p).zip(&mut pairs) {
+                let other = point(offsets, q);
+                let (row, column) = (to.max(other), to.min(other));
+                // a point of both moments meets itself in both orders
+                let times = if p != q && row == column { 2.0 } else { 1.0 };
+                for i in 0..4 {
+                    let entries = &mut self.full.matrix[(4 * row + i) * N + 4 * column..][..4];
+                    for (j, entry) in entries.iter_mut().enumerate() {
+                        let (upper, lower) = (i.min(j), i.max(j));
+                        *entry += times * pair[lower * (lower + 1) / 2 + upper];
                     }
                 }
             }
         }
     }
 
+    /// Adds what the measurements say of the globals themselves, on trial.
+    pub fn add_globals(&mut self, corner: [[f64; G]; G], right: [f64; G]) {
+        for g in 0..G {
+            for h in 0..G {
+                self.full.corner[g][h] += corner[g][h];
+            }
+            self.full.corner_right[g] += right[g];
+        }
+    }
+
     /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
     pub fn solve(&mut self) -> bool {
         self.solution.solve(&self.full, 4 * self.points)
-    }
-
-    /// Difference of the poses at a measurement's two moments, and the speeds (units / s) at them.
-    #[inline]
-    pub fn difference(&self, sooner: &Place, later: &Place) -> (Pose, [Pose; 2]) {
-        let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
-        if !self.holds(sooner) || !self.holds(later) {
-            return (difference, speeds);
-        }
-        for ((place, sign), speed) in [(sooner, -1.0), (later, 1.0)].into_iter().zip(&mut speeds) {
-            let at = 4 * (place.first - self.first) as usize;
-            for ((point, weight), rate) in self.solution.path[at..at + 16].chunks_exact(4).zip(place.weights).zip(place.rates) {
-                for c in 0..4 {
-                    difference[c] += sign * weight * point[c];
-                    speed[c] += rate * point[c];
-                }
-            }
-        }
-        (difference, speeds)
-    }
-
-    /// Squared distance between a measurement and what the path says of it, pixels^2.
-    #[inline]
-    pub fn misfit(&self, measured: &Difference) -> f64 {
-        let (difference, _) = self.difference(&measured.sooner, &measured.later);
-        let mut square = 0.0;
-        for (i, row) in measured.derivative.iter().enumerate() {
-            let said = row[0] * difference[0] + row[1] * difference[1] + row[2] * difference[2] + row[3] * difference[3];
-            square += (measured.value[i] - said).powi(2);
-        }
-        square
     }
 
     /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
@@ -406,5 +367,100 @@ impl Filter {
         self.solution.path.copy_within(cut..n, 0);
         self.points -= keep_from;
         self.first += keep_from as i64;
+    }
+}
+
+/// The control point of number `k` of two moments' eight.
+#[inline(always)]
+fn point(offsets: [usize; 2], k: usize) -> usize {
+    offsets[k / 4] + k % 4
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::batch::Batch;
+    use super::*;
+
+    /// Measurements one by one, each as two rows of the equations, against what the batch adds of all of them.
+    #[test]
+    fn a_batch_adds_what_its_measurements_say_one_by_one() {
+        let mut state = 3u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let prior = Prior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
+        let mut filter = Filter::new(0.01, prior);
+        filter.restart(1.0, [0.0; 4], 0.01);
+        assert!(filter.extend_to(1.12));
+        filter.start_trial();
+        let n = 4 * filter.points;
+        filter.solution.path[..n].iter_mut().for_each(|value| *value = random());
+        // moments far apart, near each other (points of both), in the same stretch, and outside of what is held
+        let moments = |i: usize, random: &mut dyn FnMut() -> f64| {
+            let sooner = 1.03 + 0.02 * random();
+            [[sooner, sooner + 0.05], [sooner, sooner + 0.013], [sooner, sooner + 0.001], [sooner, 3.0]][i % 4]
+        };
+        let mut batch = Batch::new(100);
+        let mut wanted = filter.full.clone();
+        let mut seen = Vec::new();
+        for i in 0..37 {
+            let places = moments(i, &mut random).map(|time| filter.place(time));
+            let derivative: [Pose; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
+            let value = [random(), random()];
+            let by_global: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);
+            batch.push(&filter, places);
+            seen.push((derivative, value, by_global, places));
+        }
+        let information = |i: usize| 0.1 + i as f64;
+        batch.prepare(|i| (seen[i].0, seen[i].1));
+        for index in 0..batch.len() {
+            let (i, _) = batch.said_at(index);
+            batch.set_globals(index, &seen[i].0, &seen[i].2);
+        }
+        batch.add_to(&mut filter, information);
+        batch.evaluate(&filter);
+        for (i, said) in batch.said() {
+            let (derivative, value, by_global, places) = &seen[i];
+            if i % 4 == 3 {
+                assert_eq!(said.difference, [0.0; 4]);
+                continue;
+            }
+            let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
+            let mut rows = [[0.0; N]; 2];
+            for (moment, (place, sign)) in places.iter().zip([-1.0, 1.0]).enumerate() {
+                for k in 0..4 {
+                    let at = 4 * ((place.first - filter.first) as usize + k);
+                    for c in 0..4 {
+                        difference[c] += sign * place.weights[k] * filter.solution.path[at + c];
+                        speeds[moment][c] += place.rates[k] * filter.solution.path[at + c];
+                        (0..2).for_each(|axis| rows[axis][at + c] += sign * place.weights[k] * derivative[axis][c]);
+                    }
+                }
+            }
+            for c in 0..4 {
+                assert!((said.difference[c] - difference[c]).abs() < 1e-12);
+                (0..2).for_each(|m| assert!((said.speeds[m][c] - speeds[m][c]).abs() < 1e-9));
+            }
+            for (axis, row) in rows.iter().enumerate() {
+                for p in 0..n {
+                    for q in 0..=p {
+                        wanted.matrix[p * N + q] += information(i) * row[p] * row[q];
+                    }
+                    wanted.right[p] += information(i) * row[p] * value[axis];
+                    for g in 0..G {
+                        wanted.cross[g][p] += information(i) * row[p] * by_global[g][axis];
+                    }
+                }
+            }
+        }
+        for p in 0..n {
+            for q in 0..=p {
+                let (a, b) = (filter.full.matrix[p * N + q], wanted.matrix[p * N + q]);
+                assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{p} {q}: {a} for {b}");
+            }
+            assert!((filter.full.right[p] - wanted.right[p]).abs() < 1e-9);
+            (0..G).for_each(|g| assert!((filter.full.cross[g][p] - wanted.cross[g][p]).abs() < 1e-9));
+        }
     }
 }

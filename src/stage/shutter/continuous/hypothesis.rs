@@ -20,7 +20,7 @@ const SAMPLE: usize = 4;
 const CELLS: [usize; 2] = [8, 6];
 /// Distance at which a hypothesis lets go of a track, pixels.
 const LIMIT_PX: f64 = 2.5;
-/// Truncated cost, as a share of the greatest there can be, below which the prediction is good enough to look no further.
+/// Truncated cost, as a share of the greatest there can be, below which a hypothesis is good enough to look no further.
 const GOOD: f64 = 0.2;
 
 /// Unknowns of a hypothesis.
@@ -65,10 +65,20 @@ pub fn rigid(turn: Pose) -> Turn {
 impl Sight {
     /// Rows x and y of the linear equations in the unknowns.
     #[inline]
-    fn rows(&self) -> [Turn; 2] {
+    fn rows(&self) -> [[f64; UNKNOWNS]; 2] {
         let bend = self.row * self.row - 1.0 / 12.0;
-        self.derivative
-            .map(|d| Turn::from([d[0], d[0] * self.row, d[0] * bend, d[1], d[1] * self.row, d[1] * bend, d[2], d[3]]))
+        self.derivative.map(|d| [d[0], d[0] * self.row, d[0] * bend, d[1], d[1] * self.row, d[1] * bend, d[2], d[3]])
+    }
+
+    /// Squared distance between what a change of the pose says and what was seen, pixels^2.
+    #[inline]
+    pub fn misfit_of(&self, pose: &Pose) -> f64 {
+        let mut square = 0.0;
+        for (d, moved) in self.derivative.iter().zip(self.moved) {
+            let error = moved - (d[0] * pose[0] + d[1] * pose[1] + d[2] * pose[2] + d[3] * pose[3]);
+            square += error * error;
+        }
+        square
     }
 
     /// Squared distance between what `turn` says and what was seen, pixels^2.
@@ -77,12 +87,7 @@ impl Sight {
         let bend = self.row * self.row - 1.0 / 12.0;
         let yaw = turn[0] + turn[1] * self.row + turn[2] * bend;
         let pitch = turn[3] + turn[4] * self.row + turn[5] * bend;
-        let mut square = 0.0;
-        for (d, moved) in self.derivative.iter().zip(self.moved) {
-            let error = moved - (d[0] * yaw + d[1] * pitch + d[2] * turn[6] + d[3] * turn[7]);
-            square += error * error;
-        }
-        square
+        self.misfit_of(&[yaw, pitch, turn[6], turn[7]])
     }
 }
 
@@ -92,7 +97,7 @@ pub fn best(sights: &[Sight], predicted: Pose, mut random: impl FnMut(usize) -> 
     let cost = |turn: &Turn, give_up: f64| {
         let mut sum = 0.0;
         for sight in sights {
-            sum += sight.say * (sight.misfit(turn) / limit).min(1.0);
+            sum += sight.say * (sight.misfit(turn) * (1.0 / limit)).min(1.0);
             if sum >= give_up {
                 break;
             }
@@ -101,13 +106,17 @@ pub fn best(sights: &[Sight], predicted: Pose, mut random: impl FnMut(usize) -> 
     };
     let mut found = rigid(predicted);
     let mut least = cost(&found, f64::INFINITY);
-    if least > GOOD * sights.len() as f64 {
+    let good = GOOD * sights.len() as f64;
+    if least > good {
         let still = rigid([0.0; 4]);
         let still_cost = cost(&still, least);
         if still_cost < least {
             (found, least) = (still, still_cost);
         }
         for _ in 0..DRAWS {
+            if least <= good {
+                break;
+            }
             let mut sample = [0; SAMPLE];
             // those that were background before are drawn more often
             for index in &mut sample {
@@ -137,16 +146,24 @@ pub fn best(sights: &[Sight], predicted: Pose, mut random: impl FnMut(usize) -> 
 /// standard deviations of turn, its change and its bend over the rows, of roll and zoom.
 fn solve<'a>(sights: impl Iterator<Item = (&'a Sight, f64)>) -> Option<Turn> {
     const EXPECTED: [f64; UNKNOWNS] = [1.0, 0.02, 0.01, 1.0, 0.02, 0.01, 0.02, 0.005];
-    let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_diagonal(&Turn::from(EXPECTED.map(|s| 0.25 / (s * s))));
-    let mut right = Turn::zeros();
+    let (mut matrix, mut right) = ([[0.0; UNKNOWNS]; UNKNOWNS], [0.0; UNKNOWNS]);
     for (sight, weight) in sights {
         if weight < 1e-3 {
             continue;
         }
-        for (row, moved) in sight.rows().iter().zip(sight.moved) {
-            matrix.ger(weight, row, row, 1.0);
-            right.axpy(weight * moved, row, 1.0);
+        let [x, y] = sight.rows();
+        for i in 0..UNKNOWNS {
+            let scaled = [weight * x[i], weight * y[i]];
+            for j in 0..=i {
+                matrix[i][j] += scaled[0] * x[j] + scaled[1] * y[j];
+            }
+            right[i] += scaled[0] * sight.moved[0] + scaled[1] * sight.moved[1];
         }
     }
-    matrix.cholesky().map(|factor| factor.solve(&right))
+    for i in 0..UNKNOWNS {
+        matrix[i][i] += 0.25 / (EXPECTED[i] * EXPECTED[i]);
+    }
+    // the factor is made of the lower triangle alone
+    let matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| if j <= i { matrix[i][j] } else { 0.0 });
+    matrix.cholesky().map(|factor| factor.solve(&Turn::from(right)))
 }

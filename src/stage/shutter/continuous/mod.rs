@@ -15,6 +15,7 @@
 //! A frame's reference time is that of its middle row.
 
 mod agreement;
+mod batch;
 mod filter;
 mod globals;
 mod hypothesis;
@@ -24,7 +25,8 @@ mod slope;
 use super::{Known, Motion, Pair};
 use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
 use agreement::{Agreement, Compared};
-use filter::{Difference, Filter, MOST_POINTS, Prior};
+use batch::{Batch, Said};
+use filter::{Filter, MOST_POINTS, Prior};
 use globals::Globals;
 use hypothesis::Sight;
 use slope::Slope;
@@ -59,11 +61,20 @@ pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
 /// Rounds of weighing; the scale shrinks from round to round.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 4;
+/// With more rounds than this the last ones' scale is the same; where they change less than this part of the weights, they may end.
+const LEAST_ROUNDS: usize = 2;
+const SETTLED: f64 = 0.003;
 /// Least scale of the robust weights, pixels.
 const LEAST_SCALE_PX: f64 = 0.5;
-/// A track's place is never believed better than this, pixels.
-const LEAST_SIGMA_PX: f64 = 0.05;
+/// A track of less weight is left out.
+const LEAST_WEIGHT: f64 = 1e-3;
+/// A track's place is off by more than its own difference and texture say, as all are alike: by blur and by what is no rotation.
+/// Standard deviation of that (pixels), at least and at most; how fast what is found of it is believed.
+const COMMON_SIGMA_PX: [f64; 2] = [0.03, 0.5];
+const COMMON_NEWS: f64 = 0.1;
+/// A track's own standard deviation is never taken for more, pixels.
+const MOST_SIGMA_PX: f64 = 2.0;
 /// Say of a track that never agreed with the camera, against 1 of one that always did.
 const LEAST_SAY: f64 = 0.05;
 /// Standard deviations of the motion between two frames up to which it is believed, and from which not at all (pixels).
@@ -87,9 +98,13 @@ pub struct Continuous {
     now_s: f64,
     interval_s: f64,
     sights: Vec<Sight>,
-    differences: Vec<(Difference, f64)>,
+    batch: Batch,
+    /// Information of each track's place, 1 / pixels^2.
+    information: Vec<f64>,
     weights: Vec<f64>,
     scale_px: f64,
+    /// Variance that all tracks have in common, pixels^2.
+    common: f64,
     random: u64,
     /// Whether readout time and focal length are to be found out.
     unknown: [bool; 2],
@@ -115,9 +130,11 @@ impl Continuous {
             now_s: 0.0,
             interval_s: 0.0,
             sights: Vec::with_capacity(MOST_TRACKS),
-            differences: Vec::with_capacity(MOST_TRACKS),
+            batch: Batch::new(MOST_TRACKS),
+            information: Vec::with_capacity(MOST_TRACKS),
             weights: Vec::with_capacity(MOST_TRACKS),
             scale_px: LEAST_SCALE_PX,
+            common: COMMON_SIGMA_PX[0].powi(2),
             random: seed,
             unknown: [false; 2],
             globals: Globals::default(),
@@ -137,6 +154,7 @@ impl Continuous {
         self.now_s = 0.0;
         self.interval_s = 0.0;
         self.scale_px = LEAST_SCALE_PX;
+        self.common = COMMON_SIGMA_PX[0].powi(2);
         self.agreement = Agreement::default();
         self.slope = Slope::default();
         self.anew = false;
@@ -196,6 +214,7 @@ impl Continuous {
             self.slope.interrupt();
         } else {
             self.hear(pair.tracks, before_s);
+            self.filter.learn_prior(pair.interval_s);
         }
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
@@ -213,16 +232,14 @@ impl Continuous {
         let whole = subtract(filter.pose(self.now_s + middle), filter.pose(before_s + middle));
         let half_width = 0.5 * self.size[0] as f64;
         let scale = 2.0 * self.scale_px;
-        let compared = tracks.iter().zip(&self.differences).zip(self.sights.iter().zip(&self.weights));
-        let compared = compared.map(|((track, (measured, _)), (sight, weight))| {
-            let (difference, _) = filter.difference(&measured.sooner, &measured.later);
-            let dot = |row: &Pose, pose: &Pose| (0..4).map(|c| row[c] * pose[c]).sum::<f64>();
-            let by_rows = measured.derivative.map(|row| dot(&row, &subtract(difference, whole)));
+        let compared = self.batch.said().map(|(i, Said { difference, .. })| {
+            let (track, sight) = (&tracks[i], &self.sights[i]);
+            let by_rows = sight.derivative.map(|row| dot(&row, &subtract(difference, whole)));
             // whoever agrees with the model or with one without rows has a word: the model's own friends would say yes to it
-            let rest: [f64; 2] = std::array::from_fn(|i| measured.value[i] - dot(&measured.derivative[i], &whole));
-            let weight = weight.max(geman_mcclure(rest[0] * rest[0] + rest[1] * rest[1], scale * scale));
+            let rest: [f64; 2] = std::array::from_fn(|i| sight.moved[i] - dot(&sight.derivative[i], &whole));
+            let weight = self.weights[i].max(geman_mcclure(rest[0] * rest[0] + rest[1] * rest[1], scale * scale));
             let place = std::array::from_fn(|i| (0.5 * (track.from[i] + track.to[i]) - camera.centre[i]) / half_width);
-            Compared { place, moved: measured.value, by_rows, weight: weight * sight.say.min(2.0) }
+            Compared { place, moved: sight.moved, by_rows, weight: weight * sight.say.min(2.0) }
         });
         agreement.take(compared, self.interval_s);
     }
@@ -313,13 +330,12 @@ impl Continuous {
 
     /// How what the path says of a measurement depends on readout time (pixels / s) and on the logarithm of the focal length
     /// (pixels), with the path as it is believed at the moment.
-    fn by_global(&self, measured: &Difference, rows: [f64; 2]) -> [[f64; 2]; 2] {
-        let (difference, [sooner, later]) = self.filter.difference(&measured.sooner, &measured.later);
-        let dot = |row: &Pose, pose: &Pose| row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3];
+    fn by_global(&self, sight: &Sight, said: &Said, rows: [f64; 2]) -> [[f64; 2]; 2] {
+        let Said { difference, speeds: [sooner, later] } = said;
         let from_bottom = if self.calibration.readout_s < 0.0 { 1.0 } else { 0.0 };
         let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
         let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
-        let [dx, dy] = &measured.derivative;
+        let [dx, dy] = &sight.derivative;
         let readout = if self.unknown[0] { [dot(dx, &moved), dot(dy, &moved)] } else { [0.0; 2] };
         let f = self.camera.focal;
         // f dB / df: the terms with 1 / f change their sign, roll and zoom do not depend on f
@@ -334,6 +350,29 @@ impl Continuous {
         [readout, focal]
     }
 
+    /// Puts on trial what the tracks say of readout time and focal length, with the path as it is believed at the moment; of all of it
+    /// the part `share`.
+    fn ask_globals(&mut self, tracks: &[crate::frame::Track], share: f64) {
+        let (mut corner, mut right) = ([[0.0; 2]; 2], [0.0; 2]);
+        for index in 0..self.batch.len() {
+            let (i, said) = self.batch.said_at(index);
+            let sight = &self.sights[i];
+            let rows = [tracks[i].from[1], tracks[i].to[1]];
+            let by_global = self.by_global(sight, &said, rows).map(|pixels| pixels.map(|value| share * value));
+            self.batch.set_globals(index, &sight.derivative, &by_global);
+            if self.weights[i] > LEAST_WEIGHT {
+                let information = self.information[i] * self.weights[i];
+                for (g, [gx, gy]) in by_global.iter().enumerate() {
+                    for (h, [hx, hy]) in by_global.iter().enumerate() {
+                        corner[g][h] += information * (gx * hx + gy * hy);
+                    }
+                    right[g] += information * (gx * sight.moved[0] + gy * sight.moved[1]);
+                }
+            }
+        }
+        self.filter.add_globals(corner, right);
+    }
+
     /// Weighs the tracks and solves for the path. Gives the confidence.
     fn estimate(&mut self, tracks: &mut [crate::frame::Track], before_s: f64) -> f64 {
         let count = tracks.len().min(MOST_TRACKS);
@@ -344,21 +383,20 @@ impl Continuous {
             return 0.0;
         }
         self.sights.clear();
-        self.differences.clear();
+        self.batch.clear();
+        self.information.clear();
         for track in tracks.iter() {
             let middle = [0.5 * (track.from[0] + track.to[0]), 0.5 * (track.from[1] + track.to[1])];
             let moved = [track.to[0] - track.from[0], track.to[1] - track.from[1]];
             let derivative = self.camera.derivative(middle);
             let (sooner, later) = (before_s + self.delay(track.from[1]), self.now_s + self.delay(track.to[1]));
-            let (sooner, later) = (self.filter.place(sooner), self.filter.place(later));
+            self.batch.push(&self.filter, [self.filter.place(sooner), self.filter.place(later)]);
             let row = middle[1] / self.size[1] as f64 - 0.5;
             self.sights.push(Sight { moved, derivative, row, say: 1.0 });
-            let sigma = f64::from(track.sigma_px).clamp(LEAST_SIGMA_PX, 2.0);
-            self.differences.push((
-                Difference { sooner, later, derivative, value: moved, by_global: [[0.0; 2]; 2] },
-                1.0 / (sigma * sigma),
-            ));
+            let sigma = f64::from(track.sigma_px).min(MOST_SIGMA_PX);
+            self.information.push(1.0 / (sigma * sigma + self.common));
         }
+        self.batch.prepare(|i| (self.sights[i].derivative, self.sights[i].moved));
         hypothesis::share_out(
             tracks,
             self.size,
@@ -379,40 +417,50 @@ impl Continuous {
         // a picture that hardly moves says nothing of the camera, but its noise would
         let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
         let share = if self.unknown == [false; 2] { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
+        for (information, sight) in self.information.iter_mut().zip(&self.sights) {
+            *information *= sight.say.min(2.0);
+        }
+        let (mut squares, mut common, mut certain) = (0.0, 0.0, 0.0);
         for round in 0..ROUNDS {
-            if share > 0.0 && round > 0 {
-                for i in 0..self.differences.len() {
-                    let rows = [tracks[i].from[1], tracks[i].to[1]];
-                    self.differences[i].0.by_global =
-                        self.by_global(&self.differences[i].0, rows).map(|pixels| pixels.map(|value| share * value));
-                }
-            }
             self.filter.start_trial();
-            for (((measured, information), sight), weight) in self.differences.iter().zip(&self.sights).zip(&self.weights) {
-                if *weight > 1e-3 {
-                    self.filter.add(measured, information * sight.say.min(2.0) * weight);
-                }
+            if share > 0.0 && round > 0 {
+                self.ask_globals(tracks, share);
             }
+            let (weights, information) = (&self.weights, &self.information);
+            self.batch.add_to(&mut self.filter, |i| if weights[i] > LEAST_WEIGHT { information[i] * weights[i] } else { 0.0 });
             if !self.filter.solve() {
                 return 0.0;
             }
             self.filter.ease_prior();
-            let scale = self.scale_px * [4.0, 2.0, 1.0, 1.0, 1.0][round.min(4)];
-            for ((measured, _), weight) in self.differences.iter().zip(&mut self.weights) {
-                *weight = geman_mcclure(self.filter.misfit(measured), scale * scale);
+            self.batch.evaluate(&self.filter);
+            let scale = self.scale_px * [2.0, 1.0, 1.0, 1.0][round.min(3)];
+            let (mut sum, mut changed) = (0.0, 0.0);
+            (squares, common, certain) = (0.0, 0.0, 0.0);
+            for (i, said) in self.batch.said() {
+                let misfit = self.sights[i].misfit_of(&said.difference);
+                let weight = geman_mcclure(misfit, scale * scale);
+                squares += weight * misfit;
+                sum += weight;
+                // of x and y together; the surest tracks tell most
+                let (surety, own) = (weight * self.information[i], f64::from(tracks[i].sigma_px).min(MOST_SIGMA_PX));
+                common += surety * (0.5 * misfit - own * own);
+                certain += surety;
+                changed += (weight - self.weights[i]).abs();
+                self.weights[i] = weight;
+            }
+            if round >= LEAST_ROUNDS && changed < SETTLED * sum {
+                break;
             }
         }
-        let mut agreed = 0.0;
-        let (mut say, mut squares, mut sum) = (0.0, 0.0, 0.0);
-        for (((track, sight), weight), (measured, _)) in
-            tracks.iter_mut().zip(&self.sights).zip(&self.weights).zip(&self.differences)
-        {
+        let (mut agreed, mut say, mut sum) = (0.0, 0.0, 0.0);
+        for ((track, sight), weight) in tracks.iter_mut().zip(&self.sights).zip(&self.weights) {
             track.weight = *weight as f32;
             agreed += sight.say * weight;
             say += sight.say;
-            squares += weight * self.filter.misfit(measured);
             sum += weight;
         }
+        let [least, most] = COMMON_SIGMA_PX.map(|sigma| sigma * sigma);
+        self.common += COMMON_NEWS * ((common / certain.max(1e-9)).clamp(least, most) - self.common);
         // the scale follows what the inliers leave over, slowly
         let noise = (squares / sum.max(1.0)).sqrt();
         self.scale_px += 0.1 * ((3.0 * noise).clamp(LEAST_SCALE_PX, 2.0) - self.scale_px);
@@ -430,6 +478,10 @@ impl Continuous {
 fn geman_mcclure(square: f64, scale_square: f64) -> f64 {
     let ratio = 1.0 + square / scale_square;
     1.0 / (ratio * ratio)
+}
+
+fn dot(row: &Pose, pose: &Pose) -> f64 {
+    row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3]
 }
 
 fn subtract(a: Pose, b: Pose) -> Pose {
