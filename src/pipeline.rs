@@ -137,6 +137,7 @@ struct Slot {
     progress: Progress,
 }
 
+#[expect(clippy::large_enum_variant, reason = "a few of them, kept where they are")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Progress {
     /// Its motion is not known yet.

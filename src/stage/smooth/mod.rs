@@ -53,7 +53,7 @@ const STEP_S: f64 = 0.0085;
 /// The order of the channels: what turns takes its part of the window first, the rest is for yaw and pitch.
 const ORDER: [usize; 4] = [3, 2, 0, 1];
 /// Part of the window that roll and zoom may take.
-const SHARE: [f64; 4] = [1.0, 1.0, 0.6, 0.25];
+const SHARE: [f64; 4] = [1.0, 1.0, 0.8, 0.25];
 /// Part of the window that is never used: what the window's description leaves out.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
