@@ -76,10 +76,12 @@ package = sys.argv[1]
 Camera.move()
 
 def files():
-    """All that bears the program's name where packages and services write; logs are the journal's."""
-    return set(run("sh", "-c", "find /etc /usr /var /run /opt -xdev -name '*gimbald*' -not -path '/var/log/*' 2>/dev/null")[1].split())
+    """All that bears the program's name where services and a package's scripts write, and what the package brought."""
+    found = run("sh", "-c", "find /etc /var/lib /var/cache /opt /run/gimbald* -xdev -name '*gimbald*' -not -path '/var/lib/dpkg/*' 2>/dev/null")[1].split()
+    return set(found) | {path for path in listed if "gimbald" in path and os.path.exists(path)}
 
 
+listed = []
 before_it = files()
 report.say("installation")
 report.check("the package is installed", works("dpkg", "-i", package))

@@ -323,3 +323,15 @@ impl Drop for Capture {
         tracing::info!(camera = %self.path().display(), "camera closed: {}", self.counts());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_said_in_words() {
+        assert_eq!(Counts { frames: 3, ..Counts::default() }.to_string(), "3 frames");
+        let many = Counts { frames: 9, missing: 2, restarts: 1, ..Counts::default() };
+        assert_eq!(many.to_string(), "9 frames, 2 missing, 1 starts anew");
+    }
+}
