@@ -154,7 +154,8 @@ enum Progress {
 const FRAMES: usize = 10;
 /// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
 const LONGEST_STEP_S: f64 = 0.1;
-/// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough.
+/// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough. With look-ahead, more by
+/// what it holds.
 const MOST_WAITING: usize = 3;
 
 impl Stabilizer {
@@ -237,6 +238,8 @@ impl Stabilizer {
         if waiting.is_some_and(|first| self.slots.len() - first >= MOST_WAITING) {
             self.settle_waiting(self.shutter.newest());
         }
+        // behind a row of damaged frames nothing new becomes known
+        self.place_known(self.lookahead_s);
         let reference = self.reference();
         if !frame.intact {
             frame.context.outcome = Outcome::Held(HoldReason::Damaged);
@@ -327,20 +330,20 @@ impl Stabilizer {
         self.place_known(self.lookahead_s);
     }
 
-    /// Gives frames their places, oldest first, that would be later than `lookahead_s` if they waited for one more.
+    /// Gives frames their places, oldest first, that would be later than `lookahead_s` if they waited for one more, or behind which too
+    /// many wait.
     fn place_known(&mut self, lookahead_s: f64) {
-        let most = ahead(self.lookahead_s, self.nominal_s);
-        let mut left = self.slots.iter().filter(|slot| matches!(slot.progress, Progress::Known(..))).count();
+        let most = ahead(self.lookahead_s, self.nominal_s) + MOST_WAITING;
         for i in 0..self.slots.len() {
             let Progress::Known(motion, time_s, interval_s) = self.slots[i].progress else { continue };
             let known_s = self.known_s - time_s;
             let next_s = if self.interval_s > 0.0 { self.interval_s } else { self.nominal_s };
-            if lookahead_s > 0.0 && known_s + next_s <= lookahead_s + 1e-3 && left <= most {
+            let behind = self.slots.len() - i;
+            if lookahead_s > 0.0 && known_s + next_s <= lookahead_s + 1e-3 && behind < most {
                 break;
             }
             self.place(i, motion, interval_s, known_s);
             self.slots[i].progress = Progress::Ready;
-            left -= 1;
         }
     }
 

@@ -1,6 +1,7 @@
 //! The numbers of the adaptive drive, in one place, because they were found together: by a random search over the camera paths of
 //! rendered and real clips and of synthetic hands, walks, vehicles, pans and logged gyroscopes at 15 to 60 frames a second. Weighed
-//! were the output's acceleration and jitter against the input's, and what a pan overshoots. What the search drove to nothing was taken
+//! were the output's acceleration and jitter against the input's, with each path a little smaller and larger too, so that no single push
+//! decides, and what a step and a pan overshoot. What the search drove to nothing was taken
 //! out: a pull to a slow line through the camera's path, the loss of speed where the window pushes, and the weight of an excess now.
 
 /// Numbers of the adaptive drive.
@@ -39,14 +40,14 @@ pub struct Tuning {
 impl Default for Tuning {
     fn default() -> Self {
         Self {
-            ridge: 0.000_009,
-            forget_s: 3.75,
-            error_s: 0.063,
-            first_error: 0.177,
+            ridge: 0.000_019,
+            forget_s: 4.33,
+            error_s: 0.13,
+            first_error: 0.131,
             doubt: 0.379,
-            least_deviation: 0.026,
-            drag_hz: 0.39,
-            jerk: 0.037,
+            least_deviation: 0.0535,
+            drag_hz: 0.476,
+            jerk: 0.0322,
             rho: 0.189,
             rho_known: 1.0,
             option_s: 0.11,
