@@ -3,68 +3,27 @@
 //! [`Stabilizer`] has the steps. [`run_inline`] walks them on one thread, for tests and files; [`run_threaded`] on two, for the
 //! service: capture and decoding on one, the rest on the other. Both give the same pictures.
 
+mod inline;
 mod live;
+mod settings;
 mod threaded;
 
 use std::collections::VecDeque;
 
-use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
-use crate::frame::{Frame, FrameContext, FrameFlags, HoldReason, Outcome, PassReason, Stage};
-use crate::geometry::Calibration;
-use crate::geometry::Pose;
+use crate::device::{DeviceError, FrameSink, StreamFormat};
+use crate::frame::{Frame, FrameContext, HoldReason, Outcome, PassReason, Stage};
+use crate::geometry::{Calibration, Pose};
 use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
-use crate::rt::{clock, stop::Stop};
-use crate::stage::shutter::{Known, Motion, Pair, Shutter};
-use crate::stage::{crop, detect, fit, presence, pyramid, shutter, smooth, track, trust, unpack, warp};
+use crate::rt::clock;
+use crate::stage::shutter::{Motion, Pair, Shutter};
+use crate::stage::{crop, detect, fit, presence, pyramid, smooth, track, trust, warp};
 
+use inline::Capture;
+pub use inline::{Totals, run_inline};
 pub use live::{Counts, Live};
+pub use settings::{Camera, Params};
 pub use threaded::{Pace, run_live, run_threaded};
-
-/// What is known of the camera's optics and sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Camera {
-    /// Time from the exposure of the first row to that of the last (milliseconds, -100 to 100; negative: bottom to top).
-    pub readout_ms: Known,
-    /// Horizontal field of view (degrees, 10 to 170).
-    pub hfov_deg: Known,
-}
-
-/// Settings of every stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Params {
-    /// Whether shake is taken out; false leaves nothing but the crop.
-    pub enabled: bool,
-    /// The camera.
-    pub camera: Camera,
-    /// Corners.
-    pub detect: detect::Params,
-    /// Lucas-Kanade.
-    pub track: track::Params,
-    /// Homography.
-    pub fit: fit::Params,
-    /// Rolling shutter.
-    pub shutter: shutter::Params,
-    /// Path filter.
-    pub smooth: smooth::Params,
-    /// Crop window.
-    pub crop: crop::Params,
-}
-
-impl Default for Params {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            camera: Camera::default(),
-            detect: detect::Params::default(),
-            track: track::Params::default(),
-            fit: fit::Params::default(),
-            shutter: shutter::Params::default(),
-            smooth: smooth::Params::default(),
-            crop: crop::Params::default(),
-        }
-    }
-}
 
 /// Is shown each frame between its drawing and its sending: for traces, reports, counts.
 pub trait Observer {
@@ -80,25 +39,6 @@ pub trait Observer {
 /// Watches nothing.
 impl Observer for () {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
-}
-
-/// What came of a whole run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Totals {
-    /// Frames the source gave.
-    pub frames_in: u64,
-    /// Frames the sink took.
-    pub frames_out: u64,
-    /// Of these, stabilized.
-    pub stabilized: u64,
-    /// Of these, pictures shown again.
-    pub held: u64,
-    /// Of these, shown uncorrected.
-    pub passed_through: u64,
-    /// Frames whose data was damaged.
-    pub damaged: u64,
-    /// Frames given up because a newer one was there (live only).
-    pub dropped: u64,
 }
 
 /// The steps of the journey, and what each remembers. Holds a frame only for as long as it is looked back at.
@@ -439,90 +379,6 @@ impl Stabilizer {
         let free = (0..self.slots.len())
             .find(|&i| self.slots[i].progress == Progress::Sent && Some(i) != reference && !shown_again(i))?;
         self.slots.remove(free).map(|slot| slot.frame)
-    }
-}
-
-/// Carries every frame of `source` to `sink` on the caller's thread. Ends when the source ends or `stop` is set.
-///
-/// # Errors
-/// What source and sink report; frames sent before stay sent, those that wait are sent where that can be, and the sink is
-/// finished.
-pub fn run_inline(
-    source: &mut dyn FrameSource,
-    sink: &mut dyn FrameSink,
-    params: &Params,
-    stop: &Stop,
-    observer: &mut dyn Observer,
-) -> Result<Totals, DeviceError> {
-    let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
-    let (mut capture, mut totals) = (Capture::default(), Totals::default());
-    let mut pool = Vec::with_capacity(FRAMES);
-    let ended = loop {
-        if stop.is_set() {
-            break Ok(());
-        }
-        let mut frame: Box<Frame> = pool.pop().unwrap_or_else(|| stabilizer.empty_frame());
-        match source.lend() {
-            Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
-            Ok(Lent::Idle) => {
-                pool.push(frame);
-                continue;
-            }
-            Ok(Lent::End) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-        totals.count_in(&frame);
-        stabilizer.take_in(frame);
-        totals.emit_all(&mut stabilizer, sink, observer, |frame| pool.push(frame))?;
-    };
-    stabilizer.end();
-    totals.emit_all(&mut stabilizer, sink, observer, drop)?;
-    sink.finish()?;
-    ended.map(|()| totals)
-}
-
-impl Totals {
-    fn count_in(&mut self, frame: &Frame) {
-        self.frames_in += 1;
-        self.damaged += u64::from(!frame.intact);
-    }
-
-    /// Sends all that is ready and gives back what is not needed any more.
-    fn emit_all(
-        &mut self,
-        stabilizer: &mut Stabilizer,
-        sink: &mut dyn FrameSink,
-        observer: &mut dyn Observer,
-        mut give_back: impl FnMut(Box<Frame>),
-    ) -> Result<(), DeviceError> {
-        while let Some(outcome) = stabilizer.emit(sink, observer)? {
-            self.frames_out += 1;
-            match outcome {
-                Outcome::Stabilized | Outcome::Pending => self.stabilized += 1,
-                Outcome::Held(_) => self.held += 1,
-                Outcome::PassedThrough(_) => self.passed_through += 1,
-            }
-        }
-        while let Some(frame) = stabilizer.give_back() {
-            give_back(frame);
-        }
-        Ok(())
-    }
-}
-
-/// The first step: raw bytes into a frame.
-#[derive(Debug, Default)]
-struct Capture(unpack::Unpack);
-
-impl Capture {
-    /// Fills `frame`; a frame whose data is damaged is not intact, and that is all.
-    fn fill(&mut self, raw: &RawFrame<'_>, frame: &mut Frame) {
-        let started = clock::monotonic_ns();
-        let RawFrame { format, bytes, stamp } = *raw;
-        frame.stamp = stamp;
-        frame.intact = !stamp.flags.contains(FrameFlags::ERROR)
-            && self.0.unpack(format.pixel, (format.width, format.height), format.stride, bytes, &mut frame.picture).is_ok();
-        frame.context.spent_ns[Stage::Unpack as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
     }
 }
 

@@ -9,6 +9,13 @@ import sys
 
 from rig import Camera, Daemon, Reader, Report, camera_appears, loopback, now, percentile
 
+
+def counted(said, what):
+    """The number before a word in what the daemon says; what did not happen is left out."""
+    found = re.search(r"(\d+) " + what, said)
+    return int(found.group(1)) if found else 0
+
+
 SECONDS = float(sys.argv[2]) if len(sys.argv) > 2 else 600.0
 SIZE, FPS = (1280, 720), 30
 report, out = Report(), loopback()
@@ -50,20 +57,21 @@ with Reader(out) as reader:
     seconds, cpu = now() - begun, daemon.cpu() - cpu
 report.check("it ends well", daemon.stop() == 0)
 said = daemon.said()
-closed = re.findall(r"camera closed.*Counts \{ frames: (\d+), dropped: (\d+), missing: (\d+)", said)
-totals = re.findall(r"frames_in: (\d+), frames_out: (\d+), stabilized: (\d+), held: (\d+), passed_through: (\d+), damaged: (\d+), dropped: (\d+)", said)
+closed = re.findall(r"camera closed: (.*)", said)[-1]
+totals = re.findall(r"the stream ended: (.*)", said)[-1]
 sent = re.findall(r"loopback closed.*sent=(\d+) dropped=(\d+)", said)
-report.say("      camera: %s frames, %s given back unseen, %s not given by the driver" % closed[-1])
-report.say("      pipeline: %s in, %s out: %s stabilized, %s held, %s passed through; %s damaged, %s dropped" % totals[-1])
+report.say(f"      camera: {closed}")
+report.say(f"      pipeline: {totals}")
 report.say("      loopback: %s sent, %s without a buffer" % sent[-1])
 missed = sum(lost for _, lost in gaps)
 report.say(f"      reader: {count} frames in {seconds:.1f} s ({count / seconds:.3f} a second), {missed} of the camera's ticks not seen",
            [f"{lost} at {at:.1f} s" for at, lost in gaps[:20]])
 # Until the pipeline has its memory, nobody takes the camera's frames: all its buffers but one go unseen once, before the first picture.
-unseen = max(0, int(closed[-1][1]) - 5)
-lost = unseen + int(totals[-1][6]) + int(sent[-1][1])
+unseen = max(0, counted(closed, "stale") - 5)
+missing = counted(closed, "missing")
+lost = unseen + counted(totals, "given up") + int(sent[-1][1])
 report.check(f"{lost} frames lost that the camera delivered", lost == 0)
-report.check(f"{missed} of the camera's ticks not seen by the reader, {closed[-1][2]} not given by the driver", missed <= int(closed[-1][2]))
+report.check(f"{missed} of the camera's ticks not seen by the reader, {missing} not given by the driver", missed <= missing)
 report.check(f"order kept: {backwards} times back, {dark} pictures dark", backwards == 0 and dark == 0)
 added = [age - percentile(own, 0.5) for age in ages]
 report.say("      age when read: median %.2f ms, 99 of 100 %.2f, worst %.2f" % tuple(percentile(ages, p) for p in (0.5, 0.99, 1)))

@@ -1,7 +1,8 @@
 //! The virtual camera's path.
 //!
 //! Two drives move it: one that forecasts the camera and plans its way through the crop window ([`Mode::Adaptive`]), and the paper's
-//! low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. Whatever they
+//! low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. With look-ahead,
+//! cameras are observed ([`Smoother::observe`]) before their frames are placed ([`Smoother::step`]). Whatever they
 //! want, the crop window has the last word, frame by frame, on all that turns and zooms together. All is in seconds, so that the rate of
 //! the frames changes little.
 

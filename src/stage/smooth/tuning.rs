@@ -1,8 +1,8 @@
 //! The numbers of the adaptive drive, in one place, because they were found together: by a random search over the camera paths of
 //! rendered and real clips and of synthetic hands, walks, vehicles, pans and logged gyroscopes at 15 to 60 frames a second. Weighed
 //! were the output's acceleration and jitter against the input's, with each path a little smaller and larger too, so that no single push
-//! decides, and what a step and a pan overshoot. What the search drove to nothing was taken
-//! out: a pull to a slow line through the camera's path, the loss of speed where the window pushes, and the weight of an excess now.
+//! decides, and what a step and a pan overshoot. What the search drove to nothing was taken out: a pull to a slow line through the camera's
+//! path, the loss of speed where the window pushes, and the weight of an excess now.
 
 /// Numbers of the adaptive drive.
 #[derive(Clone, Copy, Debug)]

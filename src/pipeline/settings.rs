@@ -1,0 +1,49 @@
+//! What every step of the journey is told.
+
+use crate::stage::shutter::Known;
+use crate::stage::{crop, detect, fit, shutter, smooth, track};
+
+/// What is known of the camera's optics and sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Camera {
+    /// Time from the exposure of the first row to that of the last (milliseconds, -100 to 100; negative: bottom to top).
+    pub readout_ms: Known,
+    /// Horizontal field of view (degrees, 10 to 170).
+    pub hfov_deg: Known,
+}
+
+/// Settings of every stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Params {
+    /// Whether shake is taken out; false leaves nothing but the crop.
+    pub enabled: bool,
+    /// The camera.
+    pub camera: Camera,
+    /// Corners.
+    pub detect: detect::Params,
+    /// Lucas-Kanade.
+    pub track: track::Params,
+    /// Homography.
+    pub fit: fit::Params,
+    /// Rolling shutter.
+    pub shutter: shutter::Params,
+    /// Path filter.
+    pub smooth: smooth::Params,
+    /// Crop window.
+    pub crop: crop::Params,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            camera: Camera::default(),
+            detect: detect::Params::default(),
+            track: track::Params::default(),
+            fit: fit::Params::default(),
+            shutter: shutter::Params::default(),
+            smooth: smooth::Params::default(),
+            crop: crop::Params::default(),
+        }
+    }
+}
