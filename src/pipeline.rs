@@ -82,8 +82,9 @@ struct Slot {
 enum Progress {
     /// Its motion is not known yet.
     Waiting,
-    /// Its motion is known, its time (seconds of motion) and the interval before it; it has no place on the path yet.
-    Known(Motion, f64, f64),
+    /// Its motion is known, `time_s` seconds of motion after the stream's first frame and `interval_s` after the frame before; it has no
+    /// place on the path yet.
+    Known { motion: Motion, time_s: f64, interval_s: f64 },
     /// It can be drawn.
     Ready,
     /// It was drawn and sent.
@@ -264,7 +265,7 @@ impl Stabilizer {
                 self.known_ns = Some(now_ns);
                 let (pose, interval_s) = (self.shutter.pose(motion.path), self.interval_s);
                 timed(&mut self.slots[i].frame, Stage::Smooth, |_| self.smoother.observe(pose, interval_s));
-                self.slots[i].progress = Progress::Known(motion, self.known_s, self.interval_s);
+                self.slots[i].progress = Progress::Known { motion, time_s: self.known_s, interval_s };
             }
         }
         self.place_known(self.lookahead_s);
@@ -275,7 +276,7 @@ impl Stabilizer {
     fn place_known(&mut self, lookahead_s: f64) {
         let most = ahead(self.lookahead_s, self.nominal_s) + MOST_WAITING;
         for i in 0..self.slots.len() {
-            let Progress::Known(motion, time_s, interval_s) = self.slots[i].progress else { continue };
+            let Progress::Known { motion, time_s, interval_s } = self.slots[i].progress else { continue };
             let known_s = self.known_s - time_s;
             let next_s = if self.interval_s > 0.0 { self.interval_s } else { self.nominal_s };
             let behind = self.slots.len() - i;

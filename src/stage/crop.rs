@@ -201,7 +201,7 @@ impl Window {
             return;
         }
         let wanted = if reach >= FULL { MORE * reach } else { reach };
-        self.need = (self.need * (-interval_s.max(0.0) / NEED_S).exp()).max(wanted * margin(self.zoom));
+        self.need = (self.need * (-interval_s.max(0.0) / NEED_S).exp()).max(wanted * (margin(self.zoom) + self.beyond));
         let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(LEAST_AUTO.min(self.auto), self.auto);
         if (goal / self.goal).ln().abs() > IDLE {
             self.goal = goal;
@@ -392,6 +392,13 @@ mod tests {
         let [wide, hidden] =
             [window, Window::new(&Params { zoom: shown.max_zoom, ..Params::default() }, size, size)].map(|w| half(&w));
         assert!((0..2).all(|c| (0.9..1.1).contains(&(wide[c] / hidden[c]))), "{wide:?} {hidden:?}");
+        // with auto it grows to what hides the border that shows
+        let mut auto = Window::new(&Params { auto: true, ..shown }, size, size);
+        for _ in 0..60 * 30 {
+            auto.used(1.0, 1.0 / 30.0);
+            auto.glide(1.0 / 30.0);
+        }
+        assert!((auto.zoom - shown.max_zoom).abs() < 1e-6 && auto.beyond < 1e-6, "{} {}", auto.zoom, auto.beyond);
         window.set_params(&Params { zoom: 1.1, ..Params::default() });
         for _ in 0..60 {
             let before = half(&window);

@@ -32,10 +32,8 @@ pub struct Cells<'a> {
 /// What is seen outside of a plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Outside {
-    /// The nearest edge.
-    #[default]
-    Edge,
     /// The plane mirrored at its edges, as often as it takes.
+    #[default]
     Mirror,
     /// A sample's value.
     Value(u8),
