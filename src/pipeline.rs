@@ -104,7 +104,7 @@ impl Stabilizer {
     pub fn new(params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {
         let level = Level::detected();
         let nominal_s = if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 };
-        let lookahead_s = 1e-3 * params.smooth.lookahead_ms.max(0.0);
+        let lookahead_s = params.smooth.lookahead_s();
         let mut warper = warp::Warper::new(level, input.colour.siting);
         warper.set_border(params.crop.border);
         Self {

@@ -32,7 +32,7 @@ fn latency(report: &Report) -> String {
         (Model::Cho2007, Parameters::TimeT) => "A frame's motion is known when the next one is there: one frame late",
         (Model::Cho2007, Parameters::TimeT1) | (Model::Continuous, _) => "A frame's motion is known at once: no latency",
     };
-    match smooth.lookahead_ms {
+    match 1e3 * smooth.lookahead_s() {
         late_ms if late_ms > 0.0 => format!("{model}. Look-ahead adds up to {late_ms:.0} ms"),
         _ => model.into(),
     }

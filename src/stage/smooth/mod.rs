@@ -43,6 +43,13 @@ pub struct Params {
     pub cutoff_hz: f64,
 }
 
+impl Params {
+    /// Seconds by which frames may be late: none where the drive would make nothing of it.
+    pub fn lookahead_s(&self) -> f64 {
+        if self.mode == Mode::Adaptive { 1e-3 * self.lookahead_ms.max(0.0) } else { 0.0 }
+    }
+}
+
 impl Default for Params {
     fn default() -> Self {
         Self { mode: Mode::default(), strength: 1.0, lookahead_ms: 0.0, cutoff_hz: 0.6 }
