@@ -105,7 +105,7 @@ impl Stabilizer {
         let level = Level::detected();
         let nominal_s = if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 };
         let lookahead_s = params.smooth.lookahead_s();
-        let mut warper = warp::Warper::new(level, input.colour.siting);
+        let mut warper = warp::Warper::new(&params.warp, level, input.colour.siting);
         warper.set_border(params.crop.border);
         Self {
             params: *params,
@@ -151,14 +151,15 @@ impl Stabilizer {
     /// points and tracks from bad ones counts from the next frame. What memory or a calibration was made for stays as it was: the
     /// camera, the count of points, their window, the seed, the shutter model. Takes no memory.
     pub fn set_params(&mut self, params: &Params) {
-        let Params { enabled, camera: _, detect, track, fit, shutter: _, smooth, crop } = params;
-        (self.params.enabled, self.params.smooth, self.params.crop) = (*enabled, *smooth, *crop);
+        let Params { enabled, camera: _, detect, track, fit, shutter: _, smooth, crop, warp } = params;
+        (self.params.enabled, self.params.smooth, self.params.crop, self.params.warp) = (*enabled, *smooth, *crop, *warp);
         self.presence.switch(*enabled);
         self.detector.set_params(detect);
         self.tracker.set_params(track);
         self.fitter.set_params(fit);
         self.smoother.set_params(smooth);
         self.window.set_params(crop);
+        self.warper.set_params(warp);
         self.warper.set_border(crop.border);
     }
 
@@ -264,7 +265,8 @@ impl Stabilizer {
                 self.known_s += self.interval_s;
                 self.known_ns = Some(now_ns);
                 let (pose, interval_s) = (self.shutter.pose(motion.path), self.interval_s);
-                timed(&mut self.slots[i].frame, Stage::Smooth, |_| self.smoother.observe(pose, interval_s));
+                let onward = (self.shutter.pose(motion.onward.0), motion.onward.1);
+                timed(&mut self.slots[i].frame, Stage::Smooth, |_| self.smoother.observe(pose, interval_s, onward));
                 self.slots[i].progress = Progress::Known { motion, time_s: self.known_s, interval_s };
             }
         }

@@ -154,7 +154,7 @@ fn warps(tell: &mut Tell<'_>, against: f64, picture: &Picture) {
         let view = Homography(camera.turned([0.005, -0.004, f64::to_radians(roll), 0.0]).0 * zoomed);
         let map = OutputMap::Rows { view, camera, rows: rows(turn) };
         tell(name, against, &mut |level| {
-            warp::Warper::new(level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
+            warp::Warper::new(&warp::Params::default(), level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
             black_box(&mut drawn);
         });
     }

@@ -6,6 +6,7 @@ use crate::stage::crop::{self, Border};
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
 use crate::stage::smooth::Mode;
+use crate::stage::warp::Filter;
 
 /// A real number: `number!(path.to.field, least to most)`.
 macro_rules! number {
@@ -270,6 +271,13 @@ pub const KEYS: &[Key] = &[
         doc: "Beyond the picture's edge: \"zoom\" never shows it; \"mirror\" and \"black\" do, and leave more room: as much as max_zoom hides.",
         live: true,
         kind: choice!(pipeline.crop.border, "zoom" => Border::Zoom, "mirror" => Border::Mirror, "black" => Border::Black),
+    },
+    Key {
+        name: "warp.filter",
+        unit: "",
+        doc: "Between pixels: \"bicubic\" is sharper, \"bilinear\" is cheaper; \"auto\" is bicubic up to half a megapixel.",
+        live: true,
+        kind: choice!(pipeline.warp.filter, "auto" => None, "bicubic" => Some(Filter::Bicubic), "bilinear" => Some(Filter::Bilinear)),
     },
     Key {
         name: "output.device",

@@ -1,7 +1,7 @@
 //! What every step of the journey is told.
 
 use crate::stage::shutter::Known;
-use crate::stage::{crop, detect, fit, shutter, smooth, track};
+use crate::stage::{crop, detect, fit, shutter, smooth, track, warp};
 
 /// What is known of the camera's optics and sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,6 +31,8 @@ pub struct Params {
     pub smooth: smooth::Params,
     /// Crop window.
     pub crop: crop::Params,
+    /// Drawing.
+    pub warp: warp::Params,
 }
 
 impl Default for Params {
@@ -44,6 +46,7 @@ impl Default for Params {
             shutter: shutter::Params::default(),
             smooth: smooth::Params::default(),
             crop: crop::Params::default(),
+            warp: warp::Params::default(),
         }
     }
 }

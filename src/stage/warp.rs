@@ -1,4 +1,5 @@
-//! One warp per frame, from the input straight to the output: backward, bilinear, of luma and chroma.
+//! One warp per frame, from the input straight to the output: backward, of luma (bilinear or bicubic) and chroma (bilinear: the eye
+//! sees little of its detail).
 //!
 //! The map from output to input pixels is taken exactly at the nodes of a mesh and interpolated linearly between them, along columns
 //! first; within a cell a row of output pixels then lies on a straight line through the input.
@@ -8,6 +9,7 @@ mod mesh;
 use super::crop::Border;
 use crate::geometry::OutputMap;
 use crate::image::{BLACK, PictureMut, PictureRef, PlaneMut, PlaneRef, Sampling, Siting};
+pub use crate::kernel::warp::Filter;
 use crate::kernel::{Level, warp};
 use mesh::mesh;
 
@@ -24,11 +26,22 @@ const HIGH_PICTURE: usize = 700;
 /// Lines through the input, coordinate by coordinate.
 const KINDS: usize = 4;
 
+/// Pictures of at most so many pixels are drawn bicubic unless told otherwise: they will be shown enlarged, and cost little.
+const SHARP_PIXELS: usize = 1 << 19;
+
+/// Settings of the warp.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Params {
+    /// How pixels between pixels are drawn; `None`: bicubic where the picture is neither large nor shrunk, else bilinear.
+    pub filter: Option<Filter>,
+}
+
 /// Draws frames.
 #[derive(Debug)]
 pub struct Warper {
     level: Level,
     siting: Siting,
+    params: Params,
     border: Border,
     /// Nodes in a row.
     columns: usize,
@@ -48,10 +61,11 @@ type Lattice = [warp::Axis; 2];
 impl Warper {
     /// A warper for pictures whose 4:2:0 chroma is sited as given, with [`Border::Zoom`] for those that hide
     /// their border.
-    pub fn new(level: Level, siting: Siting) -> Self {
+    pub fn new(params: &Params, level: Level, siting: Siting) -> Self {
         Self {
             level,
             siting,
+            params: *params,
             border: Border::Zoom,
             columns: 0,
             wide_bits: NARROW_BITS,
@@ -59,6 +73,11 @@ impl Warper {
             nodes: Default::default(),
             lines: Default::default(),
         }
+    }
+
+    /// Takes new settings.
+    pub fn set_params(&mut self, params: &Params) {
+        self.params = *params;
     }
 
     /// Shows `border` where there is no picture, from now on.
@@ -89,9 +108,11 @@ impl Warper {
         let (luma, colour) = (outside(BLACK[0]), outside(BLACK[1]));
         let [y, u, v] = &mut output.planes;
         let [from_y, from_u, from_v] = input.planes;
-        self.draw_planes(Lattice::default(), luma, [(from_y, y)]);
+        let sharp = width * height <= SHARP_PIXELS && !shrunk;
+        let filter = self.params.filter.unwrap_or(if sharp { Filter::Bicubic } else { Filter::Bilinear });
+        self.draw_planes(Lattice::default(), (luma, filter), [(from_y, y)]);
         match chroma {
-            Some(chroma) => self.draw_planes(chroma, colour, [(from_u, u), (from_v, v)]),
+            Some(chroma) => self.draw_planes(chroma, (colour, Filter::Bilinear), [(from_u, u), (from_v, v)]),
             None => [u, v].into_iter().for_each(|plane| plane.fill(BLACK[1])),
         }
     }
@@ -114,7 +135,7 @@ impl Warper {
     fn draw_planes<const N: usize>(
         &mut self,
         lattice: Lattice,
-        outside: warp::Outside,
+        (outside, filter): (warp::Outside, Filter),
         mut planes: [(PlaneRef<'_>, &mut PlaneMut<'_>); N],
     ) {
         let [along, down] = lattice;
@@ -132,7 +153,7 @@ impl Warper {
                 let between = warp::Between { above, below, part, part_bits: self.high_bits + 1, wide_bits: self.wide_bits };
                 warp::lines(self.level, between, lattice[axis], along, start, step);
             }
-            let cells = warp::Cells { start: [start_x, start_y], step: [step_x, step_y], wide, outside };
+            let cells = warp::Cells { start: [start_x, start_y], step: [step_x, step_y], wide, outside, filter };
             for (from, to) in planes.iter_mut().filter(|(_, to)| y < to.height()) {
                 warp::row(self.level, *from, cells, to.row_mut(y));
             }

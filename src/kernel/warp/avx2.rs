@@ -1,19 +1,22 @@
 //! The warp's loop for AVX2: sixteen pixels at a time, shuffled out of the two or three rows that they touch.
 //!
 //! Eight neighbours on a line that is not much longer than they are lie within sixteen bytes of each row, and, where the line is not
-//! too steep, within three rows. So nothing is gathered: each half of a register, an octet, loads its own sixteen bytes.
+//! too steep, within three rows (bicubic: five). So nothing is gathered: each half of a register, an octet, loads its own sixteen bytes.
+
+mod bicubic;
+mod bilinear;
 
 use std::arch::x86_64::*;
 use std::ops::Range;
 
-use super::{Cells, HALF_STEP, MARGIN, is_inside, scalar};
+use super::{Cells, Filter, HALF_STEP, MARGIN, is_inside, scalar};
 use crate::image::PlaneRef;
 
 /// Pixels at a time: two octets.
 const BLOCK: usize = 16;
-/// The largest step along x: eight pixels then span no more than fifteen bytes, their right neighbours included.
-const LONGEST: i32 = 7 << 14;
-/// The largest step along y, either way: eight pixels then touch three rows at most.
+/// The largest step along x, bilinear and bicubic: eight pixels then span no more than fifteen bytes, their neighbours included.
+const LONGEST: [i32; 2] = [7 << 14, 6 << 14];
+/// The largest step along y, either way: eight pixels then lie between three rows at most.
 const STEEPEST: i32 = (1 << 16) / 8;
 /// Bytes that are loaded from the first pixel of an octet on.
 const LOAD: i64 = 16;
@@ -23,10 +26,13 @@ const CHUNK: usize = 32;
 /// Draws a row as [`super::row`] does.
 #[target_feature(enable = "avx2")]
 pub fn row(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
-    match cells.wide {
-        16 => row_of::<1>(plane, cells, out),
-        32 => row_of::<2>(plane, cells, out),
-        64 => row_of::<4>(plane, cells, out),
+    match (cells.wide, cells.filter) {
+        (16, Filter::Bilinear) => row_of::<1, false>(plane, cells, out),
+        (32, Filter::Bilinear) => row_of::<2, false>(plane, cells, out),
+        (64, Filter::Bilinear) => row_of::<4, false>(plane, cells, out),
+        (16, Filter::Bicubic) => row_of::<1, true>(plane, cells, out),
+        (32, Filter::Bicubic) => row_of::<2, true>(plane, cells, out),
+        (64, Filter::Bicubic) => row_of::<4, true>(plane, cells, out),
         _ => super::row_scalar(plane, cells, out),
     }
 }
@@ -34,26 +40,27 @@ pub fn row(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
 /// As [`row`], for cells of `BLOCKS` blocks.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn row_of<const BLOCKS: usize>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
-    let mut octets = Octets::<BLOCKS>::new();
+fn row_of<const BLOCKS: usize, const CUBIC: bool>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    let mut octets = Octets::<BLOCKS, CUBIC>::new();
     let count = cells.start[0].len().min(out.len().div_ceil(cells.wide));
     for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
         let lines = Lines::of(cells, n..count.min(n + CHUNK));
-        if out.len() == lines.count * cells.wide && lines.fit(plane, cells.wide) {
+        if out.len() == lines.count * cells.wide && lines.fit(plane, cells) {
             octets.find(plane.stride(), &lines);
             // SAFETY: `fit` said that every pixel of these cells lies inside the plane, that their lines are as flat as `draw`
-            // needs, and that sixteen bytes from any pixel, up to two rows further down, lie in the plane's samples.
+            // needs, and that sixteen bytes from any pixel's leftmost neighbour, up to two rows further down, lie in the
+            // plane's samples.
             unsafe { octets.draw(plane, &lines, out) };
             continue;
         }
         for (i, out) in out.chunks_mut(cells.wide).enumerate() {
             let line = Lines::of(cells, n + i..n + i + 1);
-            if out.len() == cells.wide && line.fit(plane, cells.wide) {
+            if out.len() == cells.wide && line.fit(plane, cells) {
                 octets.find(plane.stride(), &line);
                 // SAFETY: as above.
                 unsafe { octets.draw(plane, &line, out) };
             } else {
-                scalar(plane, cells.line(n + i), cells.outside, out);
+                scalar(plane, cells.line(n + i), cells, out);
             }
         }
     }
@@ -83,7 +90,8 @@ impl Lines {
     /// Whether they can be drawn by octets.
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn fit(&self, plane: PlaneRef<'_>, wide: usize) -> bool {
+    fn fit(&self, plane: PlaneRef<'_>, cells: Cells<'_>) -> bool {
+        let (wide, longest) = (cells.wide, LONGEST[cells.filter.reach() as usize]);
         let range = |axis: usize| {
             let (mut starts, mut steps, mut ends) = ([i32::MAX, i32::MIN], [i32::MAX, i32::MIN], [i32::MAX, i32::MIN]);
             for (&start, &step) in self.start[axis].iter().zip(&self.step[axis]) {
@@ -98,27 +106,27 @@ impl Lines {
         let (ys, dys, y_ends) = range(1);
         // steps this short and starts this near cannot have overflowed on their way to the ends
         let near = |starts: [i32; 2]| starts[0] >= MARGIN && starts[1] < 1 << 30;
-        if !(near(xs) && near(ys) && dxs[0] >= 0 && dxs[1] <= LONGEST && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
+        if !(near(xs) && near(ys) && dxs[0] >= 0 && dxs[1] <= longest && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
             return false;
         }
         let (low, high) = ([xs[0].min(x_ends[0]), ys[0].min(y_ends[0])], [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])]);
         let rows = (i64::from(high[1] >> 16) + 2) * plane.stride() as i64;
         let furthest = rows + i64::from((high[0] + HALF_STEP) >> 16) + LOAD;
-        is_inside(plane, [low, high]) && furthest <= (plane.samples().len() as i64).min(i64::from(i32::MAX))
+        is_inside(plane, cells.filter, [low, high]) && furthest <= (plane.samples().len() as i64).min(i64::from(i32::MAX))
     }
 }
 
 /// Where the octets of some cells begin: by block, by half of a block, by cell.
-struct Octets<const BLOCKS: usize> {
+struct Octets<const BLOCKS: usize, const CUBIC: bool> {
     /// Sample of the leftmost column in the uppermost row.
     at: [[[u32; CHUNK]; 2]; BLOCKS],
-    /// The first pixel's place from there on: x in the low half, y in the high one, 1/4096.
+    /// The first pixel's place from there on (bicubic: from a column and a row further): x in the low half, y in the high one, 1/4096.
     place: [[[u32; CHUNK]; 2]; BLOCKS],
-    /// Not 0 where the octet touches a third row.
+    /// Not 0 where the octet touches one row more.
     steep: [[[i32; CHUNK]; 2]; BLOCKS],
 }
 
-impl<const BLOCKS: usize> Octets<BLOCKS> {
+impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
     fn new() -> Self {
         Self { at: [[[0; CHUNK]; 2]; BLOCKS], place: [[[0; CHUNK]; 2]; BLOCKS], steep: [[[0; CHUNK]; 2]; BLOCKS] }
     }
@@ -128,6 +136,7 @@ impl<const BLOCKS: usize> Octets<BLOCKS> {
     #[inline]
     fn find(&mut self, stride: usize, lines: &Lines) {
         let ([xs, ys], [dxs, dys]) = (&lines.start, &lines.step);
+        let first_sample = i32::from(CUBIC) * (stride as i32 + 1);
         for b in 0..BLOCKS {
             for half in 0..2 {
                 let (at, place, steep) = (&mut self.at[b][half], &mut self.place[b][half], &mut self.steep[b][half]);
@@ -137,7 +146,7 @@ impl<const BLOCKS: usize> Octets<BLOCKS> {
                     let y = (ys[i] + first * dys[i]) & !15;
                     let end = y + 7 * (dys[i] & !15);
                     let row = y.min(end) >> 16;
-                    at[i] = (row * stride as i32 + (x >> 16)) as u32;
+                    at[i] = (row * stride as i32 + (x >> 16) - first_sample) as u32;
                     place[i] = ((x & 0xffff) >> 4 | (y - (row << 16)) >> 4 << 16) as u32;
                     steep[i] = (y.max(end) >> 16) - row;
                 }
@@ -170,57 +179,16 @@ impl<const BLOCKS: usize> Octets<BLOCKS> {
                     let half = |at: u32| _mm_loadu_si128(samples.add(at as usize + down * stride).cast());
                     _mm256_set_m128i(half(second), half(first))
                 };
-                let bytes = if self.steep[b][0][i] | self.steep[b][1][i] == 0 {
-                    mix(x, y, [load(0), load(1)])
-                } else {
-                    mix_steep(x, y, [load(0), load(1), load(2)])
+                let flat = self.steep[b][0][i] | self.steep[b][1][i] == 0;
+                let bytes = match (CUBIC, flat) {
+                    (false, true) => bilinear::mix(x, y, [load(0), load(1)]),
+                    (false, false) => bilinear::mix_steep(x, y, [load(0), load(1), load(2)]),
+                    (true, true) => bicubic::mix(x, y, [load(0), load(1), load(2), load(3)]),
+                    (true, false) => bicubic::mix_steep(x, y, [load(0), load(1), load(2), load(3), load(4)]),
                 };
                 // SAFETY: `out` is a chunk of sixteen bytes.
                 unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), bytes) };
             }
         }
     }
-}
-
-/// What a row shows at sixteen places (1/4096 of a column from each octet's first byte on), less 128, in 1/128 grey levels.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn along(x: __m256i) -> impl Fn(__m256i) -> __m256i {
-    let fraction = _mm256_and_si256(_mm256_srli_epi16::<5>(x), _mm256_set1_epi16(127));
-    // bytes (128 - fraction, fraction) of each pixel
-    let weights = _mm256_add_epi16(_mm256_mullo_epi16(fraction, _mm256_set1_epi16(255)), _mm256_set1_epi16(128));
-    // bytes (column, column + 1) of each pixel
-    let column = _mm256_mullo_epi16(_mm256_srli_epi16::<12>(x), _mm256_set1_epi16(257));
-    let pairs = _mm256_add_epi16(column, _mm256_set1_epi16(256));
-    let sign = _mm256_set1_epi8(-128);
-    move |samples| _mm256_maddubs_epi16(weights, _mm256_xor_si256(_mm256_shuffle_epi8(samples, pairs), sign))
-}
-
-/// Mixes two rows; `y` in 1/4096 from the upper to the lower.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn mix(x: __m256i, y: __m256i, rows: [__m256i; 2]) -> __m128i {
-    let along = along(x);
-    finish(along(rows[0]), along(rows[1]), y)
-}
-
-/// Mixes the first and second or the second and third row, as `y` says.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn mix_steep(x: __m256i, y: __m256i, rows: [__m256i; 3]) -> __m128i {
-    let along = along(x);
-    let [upper, middle, lower] = [along(rows[0]), along(rows[1]), along(rows[2])];
-    let below = _mm256_cmpgt_epi16(y, _mm256_set1_epi16(4095));
-    finish(_mm256_blendv_epi8(upper, middle, below), _mm256_blendv_epi8(middle, lower, below), y)
-}
-
-/// From two rows' values at each pixel's column to bytes.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn finish(top: __m256i, bottom: __m256i, y: __m256i) -> __m128i {
-    let part = _mm256_slli_epi16::<3>(_mm256_and_si256(y, _mm256_set1_epi16(4095)));
-    let mixed = _mm256_add_epi16(top, _mm256_mulhrs_epi16(_mm256_sub_epi16(bottom, top), part));
-    let rounded = _mm256_srai_epi16::<7>(_mm256_add_epi16(mixed, _mm256_set1_epi16(64)));
-    let bytes = _mm_packs_epi16(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256::<1>(rounded));
-    _mm_xor_si128(bytes, _mm_set1_epi8(-128))
 }

@@ -27,6 +27,28 @@ pub struct Cells<'a> {
     pub wide: usize,
     /// What there is outside of the plane.
     pub outside: Outside,
+    /// What there is between samples.
+    pub filter: Filter,
+}
+
+/// How pixels that lie between samples are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// From two by two neighbours.
+    #[default]
+    Bilinear,
+    /// From four by four: sharper.
+    Bicubic,
+}
+
+impl Filter {
+    /// Neighbours that are looked at beyond the nearest two.
+    pub(super) const fn reach(self) -> i32 {
+        match self {
+            Self::Bilinear => 0,
+            Self::Bicubic => 1,
+        }
+    }
 }
 
 /// What is seen outside of a plane.

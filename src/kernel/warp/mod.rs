@@ -1,12 +1,13 @@
-//! Bilinear sampling along straight lines: the warp's one pixel loop.
+//! Sampling along straight lines, bilinear or bicubic: the warp's one pixel loop.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod cells;
+mod cubic;
 mod nodes;
 
 use cells::Line;
-pub use cells::{Axis, Between, Cells, FURTHEST, Outside, lines};
+pub use cells::{Axis, Between, Cells, FURTHEST, Filter, Outside, lines};
 pub use nodes::{Mesh, RowTable, TABLE, nodes};
 
 use super::Level;
@@ -20,8 +21,8 @@ const HALF_STEP: i32 = ONE / 256;
 /// Points this near to the plane's left or upper edge may be rounded down to beyond it.
 const MARGIN: i32 = 128;
 
-/// Draws a row of output, one cell's line after the other: bilinear, rounded to nearest. Points outside the plane show what
-/// the cells say.
+/// Draws a row of output, one cell's line after the other: as the cells' filter says, rounded to nearest. Points outside the plane
+/// show what the cells say; neighbours outside of it are those at its edge.
 ///
 /// Every eighth pixel of a cell begins a line of its own; its place and its step are rounded down to 1/4096. Columns are then
 /// rounded to 1/128.
@@ -40,16 +41,17 @@ pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) 
 
 fn row_scalar(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
     for (i, out) in out.chunks_mut(cells.wide).enumerate().take(cells.start[0].len()) {
-        scalar(plane, cells.line(i), cells.outside, out);
+        scalar(plane, cells.line(i), cells, out);
     }
 }
 
-/// Whether all points within a rectangle (two corners) have all four neighbours in the plane.
+/// Whether all points within a rectangle (two corners) have all their neighbours in the plane.
 #[inline(always)]
-fn is_inside(plane: PlaneRef<'_>, [low, high]: [[i32; 2]; 2]) -> bool {
-    let limit = |size: usize| (size as i64 - 1) << 16;
-    low[0] >= MARGIN
-        && low[1] >= MARGIN
+fn is_inside(plane: PlaneRef<'_>, filter: Filter, [low, high]: [[i32; 2]; 2]) -> bool {
+    let reach = filter.reach() * ONE;
+    let limit = |size: usize| ((size as i64 - 1) << 16) - i64::from(reach);
+    low[0] >= MARGIN + reach
+        && low[1] >= MARGIN + reach
         && i64::from(high[0]) + i64::from(HALF_STEP) < limit(plane.width())
         && i64::from(high[1]) < limit(plane.height())
 }
@@ -62,35 +64,52 @@ fn place(start: i32, step: i32, n: i32) -> i32 {
 
 /// Draws the pixels of `out` along a line.
 #[inline(always)]
-fn scalar(plane: PlaneRef<'_>, Line { start, step }: Line, outside: Outside, out: &mut [u8]) {
-    let (w, h) = (plane.width() as i32, plane.height() as i32);
+fn scalar(plane: PlaneRef<'_>, line: Line, cells: Cells<'_>, out: &mut [u8]) {
+    match cells.filter {
+        Filter::Bilinear => scalar_of(plane, line, cells, out, [0, 1], |[a, b], x, y| blend([a[0], a[1], b[0], b[1]], x, y)),
+        Filter::Bicubic => scalar_of(plane, line, cells, out, [-1, 0, 1, 2], cubic::blend),
+    }
+}
+
+/// As [`scalar`], of the neighbours so many samples off.
+#[inline(always)]
+fn scalar_of<const N: usize>(
+    plane: PlaneRef<'_>,
+    Line { start, step }: Line,
+    cells: Cells<'_>,
+    out: &mut [u8],
+    near: [i32; N],
+    blend: impl Fn([[u8; N]; N], i32, i32) -> u8,
+) {
+    let size = [plane.width() as i32, plane.height() as i32];
     let along = |axis: usize, n: usize| place(start[axis], step[axis], n as i32);
     let last = out.len().saturating_sub(1);
     let corner = |pick: fn(i32, i32) -> i32| [0, 1].map(|axis| pick(along(axis, 0), along(axis, last)));
     // so short a step cannot have overflowed on its way
-    if step.iter().all(|step| step.abs() < 8 * ONE) && is_inside(plane, [corner(i32::min), corner(i32::max)]) {
+    let short = step.iter().all(|step| step.abs() < 8 * ONE);
+    if short && is_inside(plane, cells.filter, [corner(i32::min), corner(i32::max)]) {
         let (samples, stride) = (plane.samples(), plane.stride());
         for (n, out) in out.iter_mut().enumerate() {
             let (x, y) = (along(0, n) + HALF_STEP, along(1, n));
-            let at = (y >> 16) as usize * stride + (x >> 16) as usize;
-            let pixel = &samples[at..at + stride + 2];
-            *out = blend([pixel[0], pixel[1], pixel[stride], pixel[stride + 1]], x, y);
+            let at = ((y >> 16) + near[0]) as usize * stride + ((x >> 16) + near[0]) as usize;
+            let pixels = &samples[at..at + (N - 1) * stride + N];
+            *out = blend(std::array::from_fn(|j| std::array::from_fn(|i| pixels[j * stride + i])), x, y);
         }
         return;
     }
+    let limit = size.map(|size| (size - 1) << 16);
     for (n, out) in out.iter_mut().enumerate() {
-        let (x, y, limit) = (along(0, n), along(1, n), [(w - 1) << 16, (h - 1) << 16]);
-        if let Outside::Value(value) = outside
+        let (x, y) = (along(0, n), along(1, n));
+        if let Outside::Value(value) = cells.outside
             && !((0..=limit[0]).contains(&x) && (0..=limit[1]).contains(&y))
         {
             *out = value;
             continue;
         }
         let (x, y) = (mirrored(x, limit[0]) + HALF_STEP, mirrored(y, limit[1]));
-        let (ix, iy) = ((x >> 16) as usize, (y >> 16) as usize);
-        let (a, b) = (plane.row(iy), plane.row((iy + 1).min(h as usize - 1)));
-        let next = (ix + 1).min(w as usize - 1);
-        *out = blend([a[ix], a[next], b[ix], b[next]], x, y);
+        let columns = near.map(|off| ((x >> 16) + off).clamp(0, size[0] - 1) as usize);
+        let rows = near.map(|off| plane.row(((y >> 16) + off).clamp(0, size[1] - 1) as usize));
+        *out = blend(rows.map(|row| columns.map(|column| row[column])), x, y);
     }
 }
 
@@ -123,6 +142,7 @@ mod tests {
             step: [&[step[0]], &[step[1]]],
             wide: out.len(),
             outside: Outside::Mirror,
+            filter: Filter::Bilinear,
         };
         row(level, plane, cells, out);
     }
@@ -178,6 +198,7 @@ mod tests {
             seed in any::<u32>(),
             extremes in any::<bool>(),
             outside in prop::sample::select(vec![Outside::Mirror, Outside::Value(77)]),
+            filter in prop::sample::select(vec![Filter::Bilinear, Filter::Bicubic]),
         ) {
             let stride = w + padding;
             let sample = |i: usize| {
@@ -206,16 +227,22 @@ mod tests {
                     x.clamp(0, limit)
                 };
                 let (px, py) = (inside(px, limit[0]) + HALF_STEP, inside(py, limit[1]));
-                let sample = |dx: usize, dy: usize| {
-                    data[((py >> 16) as usize + dy).min(h - 1) * stride + ((px >> 16) as usize + dx).min(w - 1)]
+                let sample = |dx: i32, dy: i32| {
+                    let along = |at: i32, off: i32, size: usize| ((at >> 16) + off).clamp(0, size as i32 - 1) as usize;
+                    data[along(py, dy, h) * stride + along(px, dx, w)]
                 };
-                *wanted = blend([sample(0, 0), sample(1, 0), sample(0, 1), sample(1, 1)], px, py);
+                *wanted = match filter {
+                    Filter::Bilinear => blend([sample(0, 0), sample(1, 0), sample(0, 1), sample(1, 1)], px, py),
+                    Filter::Bicubic => {
+                        cubic::blend([-1, 0, 1, 2].map(|dy| [-1, 0, 1, 2].map(|dx| sample(dx, dy))), px, py)
+                    }
+                };
             }
             let (xs, ys): (Vec<i32>, Vec<i32>) = starts.iter().copied().unzip();
             let (dxs, dys) = (vec![step[0]; xs.len()], vec![step[1]; xs.len()]);
             for level in Level::all() {
                 let mut out = vec![0xAA; width + 9];
-                let cells = Cells { start: [&xs, &ys], step: [&dxs, &dys], wide, outside };
+                let cells = Cells { start: [&xs, &ys], step: [&dxs, &dys], wide, outside, filter };
                 row(level, plane, cells, &mut out[..width]);
                 prop_assert_eq!(&out, &wanted, "{}", level.name());
             }

@@ -5,6 +5,9 @@
 //! few samples, and sees the turning points of shake, which is a narrow band. How wrong the forecasts were of late is measured for each
 //! tick ahead, not derived.
 //!
+//! A frame's last row sees the camera later than its middle row, by up to half an interval: what is forecast begins there, with so much
+//! less to foresee.
+//!
 //! Ticks are frames, or a few of them at high rates. Frames whose times are uneven are read at ticks by interpolation.
 
 use super::Tuning;
@@ -15,8 +18,8 @@ pub const AHEAD: usize = 24;
 const ORDER: usize = 12;
 /// Ticks that are learned from, at most.
 const PAST: usize = 120;
-/// Frames that are remembered.
-const HISTORY: usize = 256;
+/// Places that are remembered: two to a frame.
+const HISTORY: usize = 512;
 /// Ticks ahead for which [`Tuning::first_error`] is the error that is expected at first.
 const FIRST: f64 = 6.0;
 /// Least length of a tick, seconds: frames that come faster are taken several at a time.
@@ -24,7 +27,7 @@ const LEAST_TICK_S: f64 = 0.8 / 30.0;
 /// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
 const OFF: f64 = 1.3;
 
-/// A frame as it was seen.
+/// Where the camera was seen.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     /// Seconds.
@@ -42,6 +45,8 @@ pub struct Forecast {
     history: Vec<Sample>,
     newest: usize,
     seen: usize,
+    /// The newest frame's time, seconds.
+    now: f64,
     /// Length of a tick (seconds), and frames to one; 0 before there is one.
     tick_s: f64,
     frames: f64,
@@ -53,12 +58,12 @@ impl Forecast {
     /// Knows nothing.
     pub fn new() -> Self {
         let sample = Sample { time: 0.0, place: 0.0, expected: [0.0; AHEAD], tick_s: 0.0 };
-        Self { history: vec![sample; HISTORY], newest: 0, seen: 0, tick_s: 0.0, frames: 1.0, squares: [0.0; AHEAD] }
+        Self { history: vec![sample; HISTORY], newest: 0, seen: 0, now: 0.0, tick_s: 0.0, frames: 1.0, squares: [0.0; AHEAD] }
     }
 
     /// The camera is seen for the first time, at `place`.
     pub fn begin(&mut self, place: f64) {
-        (self.newest, self.seen, self.tick_s) = (0, 1, 0.0);
+        (self.newest, self.seen, self.now, self.tick_s) = (0, 1, 0.0, 0.0);
         self.history[0] = Sample { time: 0.0, place, expected: [0.0; AHEAD], tick_s: 0.0 };
     }
 
@@ -67,13 +72,14 @@ impl Forecast {
         self.tick_s
     }
 
-    /// The camera is at `place`, `interval_s` seconds after the frame before; `unit` is half of the crop window; 0 where nothing
-    /// is to be foreseen.
-    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, unit: f64) {
-        let time = self.history[self.newest].time + interval_s;
-        self.newest = (self.newest + 1) % HISTORY;
-        self.seen = (self.seen + 1).min(HISTORY);
-        self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD], tick_s: 0.0 };
+    /// The camera is at `place`, `interval_s` seconds after the frame before, and where the last rows saw it, `onward.1` seconds later;
+    /// `unit` is half of the crop window; 0 where nothing is to be foreseen.
+    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, onward: (f64, f64), unit: f64) {
+        self.now += interval_s;
+        self.push(self.now, place);
+        if onward.1 > 0.0 {
+            self.push(self.now + onward.1, onward.0);
+        }
         if interval_s <= 0.0 || !unit.is_finite() || unit <= 0.0 {
             return;
         }
@@ -87,9 +93,20 @@ impl Forecast {
         newest.tick_s = self.tick_s;
     }
 
+    /// The camera was at `place` at that time, which is later than all before; if not by much, it takes the last one's place.
+    fn push(&mut self, time: f64, place: f64) {
+        if self.frame(0).time < time - 1e-4 {
+            self.newest = (self.newest + 1) % HISTORY;
+            self.seen = (self.seen + 1).min(HISTORY);
+        }
+        let time = if self.seen > 1 { time.max(self.frame(1).time) } else { time };
+        self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD], tick_s: 0.0 };
+    }
+
     /// Where the camera is `seconds` after the newest frame (before it, where negative), and the standard deviation of that.
     pub fn at(&self, seconds: f64) -> (f64, f64) {
         let newest = self.frame(0);
+        let seconds = seconds - (newest.time - self.now);
         if seconds <= 0.0 {
             return (self.seen_at(newest.time + seconds, &mut 1).unwrap_or(self.frame(self.seen.max(1) - 1).place), 0.0);
         }
@@ -158,7 +175,8 @@ impl Forecast {
         let mut age = 1;
         for j in 0..AHEAD {
             let then = time - (j + 1) as f64 * self.tick_s;
-            while age < self.seen && self.frame(age).time > then + 0.5 * interval_s.min(self.tick_s) {
+            let late = then + 0.5 * interval_s.min(self.tick_s);
+            while age < self.seen && (self.frame(age).time > late || self.frame(age).tick_s == 0.0) {
                 age += 1;
             }
             if age >= self.seen {
@@ -241,7 +259,7 @@ mod tests {
         let path = |k: f64| (0.4 * k).sin() + 0.3 * (0.9 * k + 1.0).sin();
         forecast.begin(path(0.0));
         for k in 1..400 {
-            forecast.observe(&tuning, path(f64::from(k)), 1.0 / 30.0, 1.0);
+            forecast.observe(&tuning, path(f64::from(k)), 1.0 / 30.0, (0.0, 0.0), 1.0);
         }
         for j in -6..=6 {
             let (expected, deviation) = forecast.at(f64::from(j) / 30.0);
@@ -249,6 +267,38 @@ mod tests {
             assert!((expected - place).abs() < if j > 0 { 0.05 } else { 1e-6 }, "{j}: {expected}, {place}");
             assert!(deviation < 0.05 && (deviation > 0.0) == (j > 0), "{j}: {deviation}");
         }
+    }
+
+    #[test]
+    fn what_the_last_rows_saw_brings_the_forecast_nearer() {
+        let mut state = 3u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        // a speed that wanders, at twelve times the frames' rate
+        let (mut place, mut speed) = (0.0, 0.0);
+        let path: Vec<f64> = (0..12 * 600)
+            .map(|_| {
+                speed += 0.02 * random() - 0.01 * speed;
+                place += speed;
+                place
+            })
+            .collect();
+        let error = |onward: usize| {
+            let tuning = Tuning::default();
+            let mut forecast = Forecast::new();
+            forecast.begin(path[0]);
+            let mut squares = 0.0;
+            for k in 1..598 {
+                let later = (path[12 * k + onward], onward as f64 / 360.0);
+                forecast.observe(&tuning, path[12 * k], 1.0 / 30.0, later, 1.0);
+                squares += (forecast.at(1.0 / 30.0).0 - path[12 * (k + 1)]).powi(2);
+            }
+            squares
+        };
+        let (middle, last) = (error(0), error(5));
+        assert!(last < 0.5 * middle, "squared error {middle} from middle rows, {last} from last rows");
     }
 
     #[test]
@@ -264,7 +314,7 @@ mod tests {
         let mut place = 0.0;
         for k in 0..600 {
             place += if k % 97 == 0 { 50.0 } else { random() };
-            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, 1.0);
+            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, (0.0, 0.0), 1.0);
             for ahead in 0..30 {
                 let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
                 assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
@@ -278,7 +328,7 @@ mod tests {
         let mut forecast = Forecast::new();
         forecast.begin(3.0);
         for _ in 0..100 {
-            forecast.observe(&tuning, 3.0, 1.0 / 30.0, 1.0);
+            forecast.observe(&tuning, 3.0, 1.0 / 30.0, (3.0, 0.0), 1.0);
             assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
         }
     }

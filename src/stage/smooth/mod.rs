@@ -137,13 +137,15 @@ impl Smoother {
         self.strength = self.params.strength;
     }
 
-    /// The camera is seen at `camera`, `interval_s` seconds after the frame before.
-    pub fn observe(&mut self, camera: Pose, interval_s: f64) {
-        for ((channel, camera), half) in self.channels.iter_mut().zip(camera).zip(self.half) {
-            let unit = if self.params.mode == Mode::Adaptive { half } else { 0.0 };
+    /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `onward.0` when the frame's last row was read,
+    /// `onward.1` seconds later.
+    pub fn observe(&mut self, camera: Pose, interval_s: f64, onward: (Pose, f64)) {
+        for (c, channel) in self.channels.iter_mut().enumerate() {
+            let unit = if self.params.mode == Mode::Adaptive { self.half[c] } else { 0.0 };
+            let onward = (onward.0[c], onward.1);
             match self.observed {
-                true => channel.forecast.observe(&self.tuning, camera, interval_s.clamp(0.0, 10.0), unit),
-                false => channel.forecast.begin(camera),
+                true => channel.forecast.observe(&self.tuning, camera[c], interval_s.clamp(0.0, 10.0), onward, unit),
+                false => channel.forecast.begin(camera[c]),
             }
         }
         self.observed = true;

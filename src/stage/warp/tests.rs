@@ -6,6 +6,9 @@ use crate::image::Picture;
 
 const SAMPLINGS: [Sampling; 4] = [Sampling::Mono, Sampling::S420, Sampling::S422, Sampling::S444];
 
+/// The mesh is judged by what bilinear sampling makes of rulers.
+const LINEAR: Params = Params { filter: Some(Filter::Bilinear) };
+
 /// Grey levels from one sample to the next; every four it begins again.
 const SLOPE: f64 = 64.0;
 
@@ -68,7 +71,7 @@ fn worst_within(
     let mut drawn = Picture::new(sampling, output[0], output[1]);
     for axis in 0..2 {
         let picture = ruler(sampling, input, axis);
-        Warper::new(Level::detected(), siting).draw(map, picture.as_ref(), &mut drawn.as_mut());
+        Warper::new(&LINEAR, Level::detected(), siting).draw(map, picture.as_ref(), &mut drawn.as_mut());
         for (plane, (seen, from)) in drawn.as_ref().planes.iter().zip(picture.as_ref().planes).enumerate() {
             let (scale, offset) = lattice(sampling, siting, plane);
             for y in 0..seen.height() {
@@ -217,7 +220,7 @@ fn the_identity_copies_exactly() {
                     for level in Level::all() {
                         let picture = noise(sampling, width, height);
                         let mut drawn = Picture::new(sampling, width, height);
-                        Warper::new(level, siting).draw(&map, picture.as_ref(), &mut drawn.as_mut());
+                        Warper::new(&LINEAR, level, siting).draw(&map, picture.as_ref(), &mut drawn.as_mut());
                         assert!(drawn == picture, "{width}x{height} {sampling:?} {siting:?} {}", level.name());
                     }
                 }
@@ -236,7 +239,7 @@ fn every_level_draws_the_same() {
         let map = OutputMap::Rows { view: turns(&camera, &view)[3], camera, rows };
         let drawn = Level::all().map(|level| {
             let mut drawn = Picture::new(Sampling::S420, size[0], size[1]);
-            Warper::new(level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
+            Warper::new(&LINEAR, level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
             drawn
         });
         let drawn: Vec<_> = drawn.collect();
@@ -266,9 +269,9 @@ fn nonsense_is_drawn_without_harm() {
             for level in Level::all() {
                 let picture = noise(Sampling::S420, width, height);
                 let mut drawn = Picture::new(Sampling::S420, width, height);
-                Warper::new(level, Siting::Centre).draw(map, picture.as_ref(), &mut drawn.as_mut());
+                Warper::new(&LINEAR, level, Siting::Centre).draw(map, picture.as_ref(), &mut drawn.as_mut());
                 let grey = noise(Sampling::Mono, height, width);
-                Warper::new(level, Siting::Centre).draw(map, grey.as_ref(), &mut drawn.as_mut());
+                Warper::new(&LINEAR, level, Siting::Centre).draw(map, grey.as_ref(), &mut drawn.as_mut());
                 let neutral = |plane: &PlaneRef<'_>| (0..plane.height()).all(|y| plane.row(y).iter().all(|&c| c == 128));
                 assert!(drawn.as_ref().planes[1..].iter().all(neutral), "map {i}");
             }
@@ -283,7 +286,7 @@ fn the_border_shows_what_it_is_told() {
     let picture = noise(Sampling::S420, width, height);
     let shifted = |border, by: [f64; 2]| {
         let mut drawn = Picture::new(Sampling::S420, width, height);
-        let mut warper = Warper::new(Level::detected(), Siting::Centre);
+        let mut warper = Warper::new(&LINEAR, Level::detected(), Siting::Centre);
         warper.set_border(border);
         let map = Homography(nalgebra::Matrix3::new(1.0, 0.0, by[0], 0.0, 1.0, by[1], 0.0, 0.0, 1.0));
         warper.draw(&OutputMap::Projective(map), picture.as_ref(), &mut drawn.as_mut());
@@ -310,7 +313,7 @@ fn bars_beside_the_picture_are_black() {
     let (mut picture, mut drawn) = (Picture::new(Sampling::S420, 64, 48), Picture::new(Sampling::S420, 128, 48));
     picture.as_mut().planes[0].fill(200);
     let window = crate::stage::crop::Window::new(&crate::stage::crop::Params::default(), [64, 48], [128, 48]);
-    Warper::new(Level::detected(), Siting::Left).draw(
+    Warper::new(&LINEAR, Level::detected(), Siting::Left).draw(
         &OutputMap::Projective(window.view()),
         picture.as_ref(),
         &mut drawn.as_mut(),

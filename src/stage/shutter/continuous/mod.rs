@@ -141,7 +141,14 @@ impl Continuous {
             agreement: Agreement::default(),
             slope: Slope::default(),
             anew: false,
-            newest: Motion { rows: RowMotion::default(), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0, rows_part: 1.0 },
+            newest: Motion {
+                rows: RowMotion::default(),
+                motion: [0.0; 4],
+                path: [0.0; 4],
+                onward: ([0.0; 4], 0.0),
+                confidence: 1.0,
+                rows_part: 1.0,
+            },
         }
     }
 
@@ -158,8 +165,14 @@ impl Continuous {
         self.agreement = Agreement::default();
         self.slope = Slope::default();
         self.anew = false;
-        self.newest =
-            Motion { rows: self.rows(|_| [0.0; 4]), motion: [0.0; 4], path: [0.0; 4], confidence: 1.0, rows_part: 1.0 };
+        self.newest = Motion {
+            rows: self.rows(|_| [0.0; 4]),
+            motion: [0.0; 4],
+            path: [0.0; 4],
+            onward: ([0.0; 4], 0.0),
+            confidence: 1.0,
+            rows_part: 1.0,
+        };
     }
 
     /// As [`super::Shutter::newest`].
@@ -219,8 +232,9 @@ impl Continuous {
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
         let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
-        self.newest =
-            Motion { rows, motion: subtract(path, self.newest.path), path, confidence, rows_part: self.agreement.part() };
+        let onward = (self.filter.pose(reference_s + self.middle()), self.middle());
+        let motion = subtract(path, self.newest.path);
+        self.newest = Motion { rows, motion, path, onward, confidence, rows_part: self.agreement.part() };
         self.filter.accept(self.now_s);
         self.follow_camera();
     }
