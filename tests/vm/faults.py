@@ -1,4 +1,5 @@
-"""Rounds of random faults. In the virtual machine; arguments: the program, how many rounds (200), the seed (1).
+"""Rounds of random faults. In the virtual machine; arguments: the program, how many rounds (200), the seed (1), how long the machine
+sleeps at the end (60 seconds).
 
 Each round does one thing to the camera, the daemon, the reader or the module while somebody watches, and asks at its end: does the
 daemon live, and is the picture live? The first half of the rounds also kills the daemon; the second half lets one daemon live through
@@ -15,6 +16,7 @@ from rig import Camera, Daemon, Manager, Reader, Report, camera_appears, identit
 
 ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 200
 SEED = int(sys.argv[3]) if len(sys.argv) > 3 else 1
+SLEEP = float(sys.argv[4]) if len(sys.argv) > 4 else 60
 PATIENCE = 15  # seconds until a picture that does not come back is given up
 chance = random.Random(SEED)
 report, out = Report(), loopback()
@@ -278,6 +280,18 @@ for number in range(ROUNDS):
     if number >= ROUNDS // 2 and number % 10 == 5:
         marks.append((number, daemon.descriptors(), daemon.memory()))
         report.say(f"      {marks[-1][1]} descriptors, {marks[-1][2]:.1f} MiB")
+
+report.say(f"the machine sleeps for {SLEEP:.0f} seconds; the camera's buffers are stale then")
+daemon.process.send_signal(signal.SIGSTOP)
+reader.frames(SLEEP)
+daemon.process.send_signal(signal.SIGCONT)
+over, came, oldest = now(), None, 0.0
+while came is None and (frame := reader.frame(PATIENCE)):
+    oldest = max(oldest, frame.came - frame.taken)
+    came = frame.came if frame.live else None
+report.check(f"live {(came or now()) - over:.2f} s after it woke", came is not None and came - over <= 1)
+report.check(f"nothing from before is shown: the oldest picture was {oldest:.2f} s old", oldest < 0.5)
+report.check("and it lives", daemon.alive())
 
 report.say("how long after a fault's end the picture was live: median and worst, seconds")
 for name, times in sorted(late.items()):
