@@ -113,7 +113,7 @@ impl Cho2007 {
             motion: parameters(motion),
             path: parameters(path),
             confidence,
-            onward: (parameters(path), 0.0),
+            ends: ([parameters(path); 2], 0.0),
             rows_part: 1.0,
         };
         self.known = [reference, newest];
@@ -159,7 +159,7 @@ fn rest(rows: f64) -> Motion {
         rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows },
         motion: still,
         path: still,
-        onward: (still, 0.0),
+        ends: ([still; 2], 0.0),
         confidence: 1.0,
         rows_part: 1.0,
     }

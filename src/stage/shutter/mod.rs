@@ -94,8 +94,8 @@ pub struct Motion {
     pub motion: [f64; 4],
     /// The camera's path at the frame's reference time, the model's own four parameters.
     pub path: [f64; 4],
-    /// The same where it is known last, and how much later that is, seconds.
-    pub onward: ([f64; 4], f64),
+    /// The same where the frame's rows begin and end, and how much sooner and later that is, seconds.
+    pub ends: ([[f64; 4]; 2], f64),
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
     /// The part of the rows' motion that is to be undone, 0 to 1.

@@ -18,8 +18,8 @@ pub const AHEAD: usize = 24;
 const ORDER: usize = 12;
 /// Ticks that are learned from, at most.
 const PAST: usize = 120;
-/// Places that are remembered: two to a frame.
-const HISTORY: usize = 512;
+/// Places that are remembered: three to a frame.
+const HISTORY: usize = 768;
 /// Ticks ahead for which [`Tuning::first_error`] is the error that is expected at first.
 const FIRST: f64 = 6.0;
 /// Least length of a tick, seconds: frames that come faster are taken several at a time.
@@ -72,13 +72,17 @@ impl Forecast {
         self.tick_s
     }
 
-    /// The camera is at `place`, `interval_s` seconds after the frame before, and where the last rows saw it, `onward.1` seconds later;
-    /// `unit` is half of the crop window; 0 where nothing is to be foreseen.
-    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, onward: (f64, f64), unit: f64) {
+    /// The camera is at `place`, `interval_s` seconds after the frame before, and where the first and last rows saw it, `ends.1` seconds
+    /// sooner and later; `unit` is half of the crop window; 0 where nothing is to be foreseen.
+    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, ends: ([f64; 2], f64), unit: f64) {
         self.now += interval_s;
+        let ([first, last], half_s) = ends;
+        if half_s > 0.0 {
+            self.push(self.now - half_s, first);
+        }
         self.push(self.now, place);
-        if onward.1 > 0.0 {
-            self.push(self.now + onward.1, onward.0);
+        if half_s > 0.0 {
+            self.push(self.now + half_s, last);
         }
         if interval_s <= 0.0 || !unit.is_finite() || unit <= 0.0 {
             return;
@@ -259,7 +263,7 @@ mod tests {
         let path = |k: f64| (0.4 * k).sin() + 0.3 * (0.9 * k + 1.0).sin();
         forecast.begin(path(0.0));
         for k in 1..400 {
-            forecast.observe(&tuning, path(f64::from(k)), 1.0 / 30.0, (0.0, 0.0), 1.0);
+            forecast.observe(&tuning, path(f64::from(k)), 1.0 / 30.0, ([0.0; 2], 0.0), 1.0);
         }
         for j in -6..=6 {
             let (expected, deviation) = forecast.at(f64::from(j) / 30.0);
@@ -285,14 +289,14 @@ mod tests {
                 place
             })
             .collect();
-        let error = |onward: usize| {
+        let error = |half: usize| {
             let tuning = Tuning::default();
             let mut forecast = Forecast::new();
             forecast.begin(path[0]);
             let mut squares = 0.0;
             for k in 1..598 {
-                let later = (path[12 * k + onward], onward as f64 / 360.0);
-                forecast.observe(&tuning, path[12 * k], 1.0 / 30.0, later, 1.0);
+                let ends = ([path[12 * k - half], path[12 * k + half]], half as f64 / 360.0);
+                forecast.observe(&tuning, path[12 * k], 1.0 / 30.0, ends, 1.0);
                 squares += (forecast.at(1.0 / 30.0).0 - path[12 * (k + 1)]).powi(2);
             }
             squares
@@ -314,7 +318,7 @@ mod tests {
         let mut place = 0.0;
         for k in 0..600 {
             place += if k % 97 == 0 { 50.0 } else { random() };
-            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, (0.0, 0.0), 1.0);
+            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, ([0.0; 2], 0.0), 1.0);
             for ahead in 0..30 {
                 let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
                 assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
@@ -328,7 +332,7 @@ mod tests {
         let mut forecast = Forecast::new();
         forecast.begin(3.0);
         for _ in 0..100 {
-            forecast.observe(&tuning, 3.0, 1.0 / 30.0, (3.0, 0.0), 1.0);
+            forecast.observe(&tuning, 3.0, 1.0 / 30.0, ([3.0; 2], 0.0), 1.0);
             assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
         }
     }

@@ -137,14 +137,14 @@ impl Smoother {
         self.strength = self.params.strength;
     }
 
-    /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `onward.0` when the frame's last row was read,
-    /// `onward.1` seconds later.
-    pub fn observe(&mut self, camera: Pose, interval_s: f64, onward: (Pose, f64)) {
+    /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends.0` where the frame's rows began and ended,
+    /// `ends.1` seconds sooner and later.
+    pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: ([Pose; 2], f64)) {
         for (c, channel) in self.channels.iter_mut().enumerate() {
             let unit = if self.params.mode == Mode::Adaptive { self.half[c] } else { 0.0 };
-            let onward = (onward.0[c], onward.1);
+            let ends = (ends.0.map(|end| end[c]), ends.1);
             match self.observed {
-                true => channel.forecast.observe(&self.tuning, camera[c], interval_s.clamp(0.0, 10.0), onward, unit),
+                true => channel.forecast.observe(&self.tuning, camera[c], interval_s.clamp(0.0, 10.0), ends, unit),
                 false => channel.forecast.begin(camera[c]),
             }
         }
