@@ -265,7 +265,7 @@ impl Stabilizer {
                 self.known_s += self.interval_s;
                 self.known_ns = Some(now_ns);
                 let (pose, interval_s) = (self.shutter.pose(motion.path), self.interval_s);
-                let ends = (motion.ends.0.map(|end| self.shutter.pose(end)), motion.ends.1);
+                let ends = motion.ends.map(|end| self.shutter.pose(end));
                 timed(&mut self.slots[i].frame, Stage::Smooth, |_| self.smoother.observe(pose, interval_s, ends));
                 self.slots[i].progress = Progress::Known { motion, time_s: self.known_s, interval_s };
             }

@@ -7,7 +7,7 @@
 
 use nalgebra::Matrix3;
 
-use super::{Known, Motion, Pair, Parameters};
+use super::{Ends, Known, Motion, Pair, Parameters};
 use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, Zoom};
 
 /// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
@@ -113,7 +113,7 @@ impl Cho2007 {
             motion: parameters(motion),
             path: parameters(path),
             confidence,
-            ends: ([parameters(path); 2], 0.0),
+            ends: Ends { first: parameters(path), last: parameters(path), ..Ends::default() },
             rows_part: 1.0,
         };
         self.known = [reference, newest];
@@ -159,7 +159,7 @@ fn rest(rows: f64) -> Motion {
         rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows },
         motion: still,
         path: still,
-        ends: ([still; 2], 0.0),
+        ends: Ends { first: still, last: still, ..Ends::default() },
         confidence: 1.0,
         rows_part: 1.0,
     }

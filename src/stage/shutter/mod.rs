@@ -85,6 +85,29 @@ pub struct Pair<'a> {
     pub interval_s: f64,
 }
 
+/// The camera's path where the reading of a frame's rows begins and ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ends<T> {
+    /// At the first row, and at the last.
+    pub first: T,
+    /// See `first`.
+    pub last: T,
+    /// At the last row of the frame before, as this frame shows it: what came after it was not known to that one.
+    pub last_before: T,
+    /// Seconds from the first row to the frame's reference time, and from there to the last.
+    pub half_s: f64,
+    /// Seconds since the frame before; 0 where nothing is known of it.
+    pub interval_s: f64,
+}
+
+impl<T> Ends<T> {
+    /// The same path, written otherwise.
+    pub fn map<U>(self, mut f: impl FnMut(T) -> U) -> Ends<U> {
+        let Self { first, last, last_before, half_s, interval_s } = self;
+        Ends { first: f(first), last: f(last), last_before: f(last_before), half_s, interval_s }
+    }
+}
+
 /// What is known of one frame's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
@@ -94,8 +117,8 @@ pub struct Motion {
     pub motion: [f64; 4],
     /// The camera's path at the frame's reference time, the model's own four parameters.
     pub path: [f64; 4],
-    /// The same where the frame's rows begin and end, and how much sooner and later that is, seconds.
-    pub ends: ([[f64; 4]; 2], f64),
+    /// The same where the reading of the frame begins and ends.
+    pub ends: Ends<[f64; 4]>,
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
     /// The part of the rows' motion that is to be undone, 0 to 1.

@@ -1,5 +1,8 @@
 //! The virtual camera's drive of its own: the [`Forecast`] says where the camera will be, the [`plan`] how to move so that the crop window
 //! holds it with as little acceleration as can be.
+//!
+//! Two things are taken from what the camera did of late. Whether it fits in the window: then the virtual camera would rather stand, else
+//! go along. And whether it was foreseen: then little distance is kept from the window's edge, else more.
 
 use super::Tuning;
 use super::forecast::Forecast;
@@ -45,18 +48,22 @@ impl Drive {
         let Circumstances { camera, interval_s, known_s, half, now, later } = *at;
         self.keep_time(forecast.tick_s(), interval_s);
         let ticks = interval_s / self.tick_s;
+        let unforeseen = part(forecast.surprise() / half, tuning.foreseen_to, tuning.unforeseen_from);
+        let between = |a: f64, b: f64| a + unforeseen * (b - a);
+        let (share, doubt) = (between(tuning.later, tuning.later_unforeseen), between(tuning.doubt, tuning.doubt_unforeseen));
         let mut ahead = Ahead {
-            later: later.map(|edge| tuning.later * edge / half),
+            later: later.map(|edge| share * edge / half),
             known: later.map(|edge| tuning.known * edge / half),
             tick_s: self.tick_s,
             known_s,
+            drag_hz: drag_hz(tuning, 0.5 * forecast.range(tuning.hold_s) / half),
             ..Ahead::default()
         };
         for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
             let seconds = i as f64 * self.tick_s - known_s;
             let (expected, error) = forecast.at(seconds);
             *place = (expected - camera) / half;
-            let believed = tuning.doubt * (error / half).hypot(tuning.least_deviation);
+            let believed = doubt * (error / half).hypot(tuning.least_deviation);
             *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
         }
         let Motion { place, speed, acceleration, ticks: before } = self.motion;
@@ -93,6 +100,17 @@ impl Drive {
         }
         self.tick_s = tick_s;
     }
+}
+
+/// How much the virtual camera would rather stand, where what the camera did of late takes `range` windows: shake about a place
+/// that fits is not worth a step; who goes elsewhere is followed.
+fn drag_hz(tuning: &Tuning, range: f64) -> f64 {
+    tuning.hold_hz * (tuning.follow_hz / tuning.hold_hz).powf(part(range, tuning.hold_to, tuning.follow_from))
+}
+
+/// How far `value` is on its way from `none`, or less, to `all`, or more: 0 to 1.
+fn part(value: f64, none: f64, all: f64) -> f64 {
+    ((value - none) / (all - none)).clamp(0.0, 1.0)
 }
 
 /// However hard the edge of the window pushed, the camera may stop now: no speed that would carry past it before it is braked.

@@ -6,11 +6,12 @@
 //! tick ahead, not derived.
 //!
 //! A frame's last row sees the camera later than its middle row, by up to half an interval: what is forecast begins there, with so much
-//! less to foresee.
+//! less to foresee. The frame after says better where that was (nothing came behind it yet); it takes the place of what was said first.
 //!
 //! Ticks are frames, or a few of them at high rates. Frames whose times are uneven are read at ticks by interpolation.
 
 use super::Tuning;
+use crate::stage::shutter::Ends;
 
 /// Ticks that are looked ahead.
 pub const AHEAD: usize = 24;
@@ -26,6 +27,8 @@ const LEAST_APART_S: f64 = 1e-4;
 const FIRST: f64 = 6.0;
 /// Least length of a tick, seconds: frames that come faster are taken several at a time.
 const LEAST_TICK_S: f64 = 0.8 / 30.0;
+/// How far ahead surprise is measured, seconds.
+const SOON_S: f64 = 0.067;
 /// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
 const OFF: f64 = 1.3;
 
@@ -54,18 +57,29 @@ pub struct Forecast {
     frames: f64,
     /// Mean squares of the errors, 1, 2 .. ticks on.
     squares: [f64; AHEAD],
+    /// The mean square of the errors [`SOON_S`] ahead, over a longer time; none before there is a tick.
+    surprise: Option<f64>,
 }
 
 impl Forecast {
     /// Knows nothing.
     pub fn new() -> Self {
         let sample = Sample { time: 0.0, place: 0.0, expected: [0.0; AHEAD], tick_s: 0.0 };
-        Self { history: vec![sample; HISTORY], newest: 0, seen: 0, now: 0.0, tick_s: 0.0, frames: 1.0, squares: [0.0; AHEAD] }
+        Self {
+            history: vec![sample; HISTORY],
+            newest: 0,
+            seen: 0,
+            now: 0.0,
+            tick_s: 0.0,
+            frames: 1.0,
+            squares: [0.0; AHEAD],
+            surprise: None,
+        }
     }
 
     /// The camera is seen for the first time, at `place`.
     pub fn begin(&mut self, place: f64) {
-        (self.newest, self.seen, self.now, self.tick_s) = (0, 1, 0.0, 0.0);
+        (self.newest, self.seen, self.now, self.tick_s, self.surprise) = (0, 1, 0.0, 0.0, None);
         self.history[0] = Sample { time: 0.0, place, expected: [0.0; AHEAD], tick_s: 0.0 };
     }
 
@@ -74,11 +88,14 @@ impl Forecast {
         self.tick_s
     }
 
-    /// The camera is at `place`, `interval_s` seconds after the frame before, and where the first and last rows saw it, `ends.1` seconds
-    /// sooner and later; `unit` is half of the crop window; 0 where nothing is to be foreseen.
-    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, ends: ([f64; 2], f64), unit: f64) {
+    /// The camera is at `place`, `interval_s` seconds after the frame before, and at `ends` where the first and last rows saw it; `unit` is
+    /// half of the crop window; 0 where nothing is to be foreseen.
+    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, ends: Ends<f64>, unit: f64) {
         self.now += interval_s;
-        let ([first, last], half_s) = ends;
+        let Ends { first, last, last_before, half_s, .. } = ends;
+        if ends.interval_s > 0.0 {
+            self.revise(self.now + half_s - ends.interval_s, last_before);
+        }
         if half_s > 0.0 {
             self.push(self.now - half_s, first);
         }
@@ -90,7 +107,8 @@ impl Forecast {
             return;
         }
         self.keep_time(tuning, interval_s, unit);
-        self.compare(1.0 - (-interval_s / tuning.error_s).exp(), interval_s);
+        self.surprise.get_or_insert((tuning.unforeseen_from * unit).powi(2));
+        self.compare(tuning, interval_s);
         let mut ways = [0.0; PAST];
         let count = self.ways(&mut ways);
         let weights = burg(&ways[..count], (-self.tick_s / tuning.forget_s).exp(), tuning.ridge * unit * unit);
@@ -105,6 +123,14 @@ impl Forecast {
             self.newest = (self.newest + 1) % HISTORY;
             self.seen = (self.seen + 1).min(HISTORY);
             self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD], tick_s: 0.0 };
+        }
+    }
+
+    /// The newest place was at `time`, and is known better now.
+    fn revise(&mut self, time: f64, place: f64) {
+        let newest = &mut self.history[self.newest];
+        if self.seen > 1 && (newest.time - time).abs() < LEAST_APART_S {
+            newest.place = place;
         }
     }
 
@@ -123,6 +149,20 @@ impl Forecast {
             value(sooner) + part * (value((sooner + 1).min(AHEAD)) - value(sooner))
         };
         (newest.place + of(&|j| f64::from(newest.expected[j])), of(&|j| self.squares[j].sqrt()))
+    }
+
+    /// How far forecasts of a moment ahead were off of late.
+    pub fn surprise(&self) -> f64 {
+        self.surprise.unwrap_or(0.0).sqrt()
+    }
+
+    /// How far the places of the last `seconds` lie apart.
+    pub fn range(&self, seconds: f64) -> f64 {
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for sample in (0..self.seen).map(|age| self.frame(age)).take_while(|sample| sample.time >= self.now - seconds) {
+            (least, most) = (least.min(sample.place), most.max(sample.place));
+        }
+        (most - least).max(0.0)
     }
 
     fn frame(&self, age: usize) -> &Sample {
@@ -175,7 +215,9 @@ impl Forecast {
     }
 
     /// Holds what was expected of now against what is.
-    fn compare(&mut self, news: f64, interval_s: f64) {
+    fn compare(&mut self, tuning: &Tuning, interval_s: f64) {
+        let [news, slow] = [tuning.error_s, tuning.surprise_s].map(|memory_s| 1.0 - (-interval_s / memory_s).exp());
+        let soon = (SOON_S / self.tick_s).round().max(1.0) as usize - 1;
         let Sample { time, place, .. } = *self.frame(0);
         let mut age = 1;
         for j in 0..AHEAD {
@@ -191,6 +233,9 @@ impl Forecast {
             if sample.tick_s == self.tick_s {
                 let error = place - sample.place - f64::from(sample.expected[j]);
                 self.squares[j] += news * (error * error - self.squares[j]);
+                if let (true, Some(surprise)) = (j == soon, &mut self.surprise) {
+                    *surprise += slow * (error * error - *surprise);
+                }
             }
         }
     }
@@ -266,7 +311,9 @@ mod tests {
             let mut forecast = Forecast::new();
             forecast.begin(path(0.0));
             for k in (1..400).map(f64::from) {
-                let ends = ([path(k - half), path(k + half)], half / 30.0);
+                let (half_s, interval_s) = (half / 30.0, 1.0 / 30.0);
+                let ends =
+                    Ends { first: path(k - half), last: path(k + half), last_before: path(k - 1.0 + half), half_s, interval_s };
                 forecast.observe(&tuning, path(k), 1.0 / 30.0, ends, 1.0);
             }
             for j in -6..=6 {
@@ -300,7 +347,15 @@ mod tests {
             forecast.begin(path[0]);
             let mut squares = 0.0;
             for k in 1..598 {
-                let ends = ([path[12 * k - half], path[12 * k + half]], half as f64 / 360.0);
+                let at = |place: usize| path[place];
+                let (half_s, interval_s) = (half as f64 / 360.0, 1.0 / 30.0);
+                let ends = Ends {
+                    first: at(12 * k - half),
+                    last: at(12 * k + half),
+                    last_before: at(12 * k - 12 + half),
+                    half_s,
+                    interval_s,
+                };
                 forecast.observe(&tuning, path[12 * k], 1.0 / 30.0, ends, 1.0);
                 squares += (forecast.at(1.0 / 30.0).0 - path[12 * (k + 1)]).powi(2);
             }
@@ -308,6 +363,42 @@ mod tests {
         };
         let (middle, last) = (error(0), error(5));
         assert!(last < 0.5 * middle, "squared error {middle} from middle rows, {last} from last rows");
+    }
+
+    #[test]
+    fn what_the_next_frame_says_of_the_last_row_takes_its_place() {
+        let (tuning, half_s, interval_s) = (Tuning::default(), 0.01, 1.0 / 30.0);
+        let mut forecast = Forecast::new();
+        forecast.begin(0.0);
+        for k in (1..9).map(f64::from) {
+            let ends = Ends { first: k - 0.3, last: k + 0.2, last_before: k - 0.7, half_s, interval_s };
+            forecast.observe(&tuning, k, interval_s, ends, 1.0);
+            // what is newest is as its frame says
+            assert!((forecast.at(half_s).0 - (k + 0.2)).abs() < 1e-12);
+            if k > 1.0 {
+                let revised = forecast.at(half_s - interval_s).0;
+                assert!((revised - (k - 0.7)).abs() < 1e-9, "frame {k}: {revised}");
+            }
+        }
+        // a frame that says nothing of the one before leaves it, and so does one that looks farther back
+        for interval_s in [0.0, 2.0 / 30.0] {
+            let before = forecast.at(half_s).0;
+            let ends = Ends { first: 9.0, last: 9.0, last_before: 77.0, half_s, interval_s };
+            forecast.observe(&tuning, 9.0, 1.0 / 30.0, ends, 1.0);
+            assert!((forecast.at(half_s - 1.0 / 30.0).0 - before).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_range_is_that_of_the_last_seconds() {
+        let tuning = Tuning::default();
+        let mut forecast = Forecast::new();
+        forecast.begin(50.0);
+        for k in 1..=90 {
+            let place = f64::from(k % 3);
+            forecast.observe(&tuning, place, 1.0 / 30.0, Ends { first: place, last: place, ..Ends::default() }, 1.0);
+        }
+        assert_eq!((forecast.range(2.0), forecast.range(10.0)), (2.0, 50.0));
     }
 
     #[test]
@@ -323,7 +414,7 @@ mod tests {
         let mut place = 0.0;
         for k in 0..600 {
             place += if k % 97 == 0 { 50.0 } else { random() };
-            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, ([0.0; 2], 0.0), 1.0);
+            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, Ends::default(), 1.0);
             for ahead in 0..30 {
                 let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
                 assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
@@ -337,7 +428,7 @@ mod tests {
         let mut forecast = Forecast::new();
         forecast.begin(3.0);
         for _ in 0..100 {
-            forecast.observe(&tuning, 3.0, 1.0 / 30.0, ([3.0; 2], 0.0), 1.0);
+            forecast.observe(&tuning, 3.0, 1.0 / 30.0, Ends { first: 3.0, last: 3.0, ..Ends::default() }, 1.0);
             assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
         }
     }

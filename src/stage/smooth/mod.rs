@@ -15,6 +15,7 @@ mod tuning;
 use std::f64::consts::TAU;
 
 use super::crop::{Room, Rows};
+use super::shutter::Ends;
 use crate::geometry::Pose;
 use adaptive::Circumstances;
 use forecast::Forecast;
@@ -137,12 +138,11 @@ impl Smoother {
         self.strength = self.params.strength;
     }
 
-    /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends.0` where the frame's rows began and ended,
-    /// `ends.1` seconds sooner and later.
-    pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: ([Pose; 2], f64)) {
+    /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends` where the frame's rows began and ended.
+    pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: Ends<Pose>) {
         for (c, channel) in self.channels.iter_mut().enumerate() {
             let unit = if self.params.mode == Mode::Adaptive { self.half[c] } else { 0.0 };
-            let ends = (ends.0.map(|end| end[c]), ends.1);
+            let ends = ends.map(|end| end[c]);
             match self.observed {
                 true => channel.forecast.observe(&self.tuning, camera[c], interval_s.clamp(0.0, 10.0), ends, unit),
                 false => channel.forecast.begin(camera[c]),

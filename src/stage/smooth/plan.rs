@@ -11,9 +11,6 @@
 //! form, and is smooth, so that a few Newton steps on a banded matrix suffice. An excess is what a hard push by the window's edge would
 //! cost later; how much of it counts falls with the time there is left to find out better. Only x_0 is used: with the next frame all is
 //! planned anew.
-//!
-//! While the virtual camera moves, the window is narrower ahead of it than behind: it stops behind a camera that stops. Not so where
-//! look-ahead knows the camera's places: there the window is what it is.
 
 use super::Tuning;
 use super::forecast::AHEAD;
@@ -53,6 +50,8 @@ pub struct Ahead {
     pub later: [f64; 2],
     /// Length of a tick, seconds.
     pub tick_s: f64,
+    /// Rate at which speed is worth as much as acceleration, Hz.
+    pub drag_hz: f64,
     /// Seconds from now on for which the camera's places are known, not expected.
     pub known_s: f64,
 }
@@ -72,22 +71,19 @@ fn minus(a: Form, b: Form, over: f64) -> Form {
 /// Where to be now, `ticks` after `motion`.
 pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 {
     let (equations, right) = smoothness(tuning, motion, ticks, ahead);
-    let slow = 1.0 / (1.0 + (motion.speed / tuning.lead_speed).powi(2));
     let mut x: [f64; AHEAD] = std::array::from_fn(|i| motion.place + motion.speed * (ticks + i as f64));
     for _ in 0..ROUNDS {
         let (mut matrix, mut vector) = (equations, right);
         for i in 1..AHEAD {
             let left_s = i as f64 * ahead.tick_s - ahead.known_s;
-            let (edges, weight, slow) = if left_s <= 0.0 {
-                (ahead.known, tuning.rho_known, 1.0)
+            let (edges, weight) = if left_s <= 0.0 {
+                (ahead.known, tuning.rho_known)
             } else {
-                (ahead.later, tuning.rho * (-left_s / tuning.option_s).exp(), slow)
+                (ahead.later, tuning.rho * (-left_s / tuning.option_s).exp())
             };
             let off = x[i] - ahead.camera[i];
             let (mut slope, mut curve) = (0.0, 1e-9);
-            for (sign, edge) in
-                [(-1.0, -ahead_edge(edges[0], motion.speed < 0.0, slow)), (1.0, ahead_edge(edges[1], motion.speed > 0.0, slow))]
-            {
+            for (sign, edge) in [(-1.0, -edges[0]), (1.0, edges[1])] {
                 let (first, second) = excess(sign * off - edge, ahead.deviation[i]);
                 slope += sign * first;
                 curve += second;
@@ -103,11 +99,6 @@ pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 
         }
     }
     x[0]
-}
-
-/// The edge of the window where the virtual camera moves towards it.
-fn ahead_edge(edge: f64, towards: bool, slow: f64) -> f64 {
-    if towards { edge * slow } else { edge }
 }
 
 /// Half the slope and half the curvature of E[max(0, e + deviation z)^2], z standard normal.
@@ -134,7 +125,7 @@ fn normal(z: f64) -> f64 {
 /// Everything but the window: banded equations (diagonal first, then what is before it) and their right-hand side.
 fn smoothness(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> ([[f64; BAND]; AHEAD], [f64; AHEAD]) {
     let (mut matrix, mut right) = ([[0.0; BAND]; AHEAD], [0.0; AHEAD]);
-    let pace = tuning.drag_hz * std::f64::consts::TAU * ahead.tick_s;
+    let pace = ahead.drag_hz * std::f64::consts::TAU * ahead.tick_s;
     let mut speed: Form = [0.0, 0.0, 0.0, 0.0, motion.speed];
     let mut acceleration: Form = [0.0, 0.0, 0.0, 0.0, motion.acceleration];
     let mut step_before = motion.ticks.max(1e-3);

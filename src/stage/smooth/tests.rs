@@ -15,7 +15,7 @@ fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f6
 
 /// A frame that is placed as soon as it is seen.
 fn step(smoother: &mut Smoother, camera: Pose, interval_s: f64, room: &Room) -> Pose {
-    smoother.observe(camera, interval_s, ([camera; 2], 0.0));
+    smoother.observe(camera, interval_s, Ends::default());
     smoother.step(camera, interval_s, 0.0, room)
 }
 
@@ -98,7 +98,7 @@ fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose)
     (0..count)
         .map(|k| {
             while seen < count && seen <= k + late {
-                smoother.observe(path(seen as f64 / rate), interval(seen), ([[0.0; 4]; 2], 0.0));
+                smoother.observe(path(seen as f64 / rate), interval(seen), Ends::default());
                 seen += 1;
             }
             let camera = path(k as f64 / rate);
@@ -190,6 +190,21 @@ fn what_only_shakes_is_held_still() {
     }
     for (camera, place) in follow(params, 30.0, 3.0, |_| [3.0, -2.0, 0.5, 0.1]) {
         assert_eq!(camera, place);
+    }
+}
+
+#[test]
+fn a_sway_that_fits_in_the_window_is_held_and_one_that_does_not_is_followed() {
+    for rate in [15.0, 30.0, 60.0] {
+        // of a window of 58 pixels; part of the sway that is left after it was seen once
+        let left = [30.0, 240.0].map(|size| {
+            let sway = |t: f64| [0.5 * size * (TAU * 0.35 * t).sin(), 0.0, 0.0, 0.0];
+            let path = follow(Params::default(), rate, 12.0, sway);
+            let places = path[(4.0 * rate) as usize..].iter().map(|(_, place)| place[0]);
+            (places.clone().fold(f64::MIN, f64::max) - places.fold(f64::MAX, f64::min)) / size
+        });
+        println!("{rate} fps: {left:.3?} of the sway is left");
+        assert!(left[0] < 0.1 && left[1] > 0.6, "{rate} fps: {left:?}");
     }
 }
 

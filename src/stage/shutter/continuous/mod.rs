@@ -22,7 +22,7 @@ mod hypothesis;
 mod normal;
 mod slope;
 
-use super::{Known, Motion, Pair};
+use super::{Ends, Known, Motion, Pair};
 use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
@@ -145,7 +145,7 @@ impl Continuous {
                 rows: RowMotion::default(),
                 motion: [0.0; 4],
                 path: [0.0; 4],
-                ends: ([[0.0; 4]; 2], 0.0),
+                ends: Ends::default(),
                 confidence: 1.0,
                 rows_part: 1.0,
             },
@@ -169,7 +169,7 @@ impl Continuous {
             rows: self.rows(|_| [0.0; 4]),
             motion: [0.0; 4],
             path: [0.0; 4],
-            ends: ([[0.0; 4]; 2], 0.0),
+            ends: Ends::default(),
             confidence: 1.0,
             rows_part: 1.0,
         };
@@ -232,9 +232,15 @@ impl Continuous {
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
         let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
-        let ends = [-1.0, 1.0].map(|sign| self.filter.pose(reference_s + sign * self.middle()));
+        let ends = Ends {
+            first: self.filter.pose(self.now_s),
+            last: self.filter.pose(last_s),
+            last_before: self.filter.pose(last_s - pair.interval_s),
+            half_s: self.middle(),
+            interval_s: pair.interval_s,
+        };
         let motion = subtract(path, self.newest.path);
-        self.newest = Motion { rows, motion, path, ends: (ends, self.middle()), confidence, rows_part: self.agreement.part() };
+        self.newest = Motion { rows, motion, path, ends, confidence, rows_part: self.agreement.part() };
         self.filter.accept(self.now_s);
         self.follow_camera();
     }
