@@ -10,6 +10,8 @@
 //!
 //! Ticks are frames, or a few of them at high rates. Frames whose times are uneven are read at ticks by interpolation.
 
+mod burg;
+
 use super::Tuning;
 use crate::stage::shutter::Ends;
 
@@ -111,9 +113,9 @@ impl Forecast {
         self.compare(tuning, interval_s);
         let mut ways = [0.0; PAST];
         let count = self.ways(&mut ways);
-        let weights = burg(&ways[..count], (-self.tick_s / tuning.forget_s).exp(), tuning.ridge * unit * unit);
+        let weights = burg::weights(&ways[..count], (-self.tick_s / tuning.forget_s).exp(), tuning.ridge * unit * unit);
         let newest = &mut self.history[self.newest];
-        newest.expected = predict(&weights, &ways[..count]).map(|way| way as f32);
+        newest.expected = burg::predict(&weights, &ways[..count]).map(|way| way as f32);
         newest.tick_s = self.tick_s;
     }
 
@@ -241,195 +243,5 @@ impl Forecast {
     }
 }
 
-/// Weights of the last ways in the next, by Burg's recursion. `ways` are the newest first; each counts `keep` times less than the one
-/// after it. `ridge` is how much way squared must be seen before any of it is believed.
-fn burg(ways: &[f64], keep: f64, ridge: f64) -> [f64; ORDER] {
-    let mut weights = [0.0; ORDER];
-    let n = ways.len();
-    // prediction errors: of a way by those before it, and by those after it
-    let (mut forth, mut back, mut share) = ([0.0; PAST], [0.0; PAST], [0.0; PAST]);
-    forth[..n].copy_from_slice(ways);
-    back[..n].copy_from_slice(ways);
-    let mut weight = 1.0;
-    for share in &mut share[..n] {
-        *share = weight;
-        weight *= keep;
-    }
-    for m in 0..ORDER.min(n / 2) {
-        // newest first: the way before is the next in the list
-        let pairs = n - m - 1;
-        let (mut both, mut across) = (ridge, 0.0);
-        for i in 0..pairs {
-            let (f, b) = (forth[i], back[i + 1]);
-            both += share[i] * (f * f + b * b);
-            across += share[i] * f * b;
-        }
-        if both <= 0.0 {
-            break;
-        }
-        let reflection = 2.0 * across / both;
-        let before = weights;
-        weights[m] = reflection;
-        for i in 0..m {
-            weights[i] = before[i] - reflection * before[m - 1 - i];
-        }
-        for i in 0..pairs {
-            let (f, b) = (forth[i], back[i + 1]);
-            forth[i] = f - reflection * b;
-            back[i] = b - reflection * f;
-        }
-    }
-    weights
-}
-
-/// How far the camera will have gone 1, 2 .. ticks on.
-fn predict(weights: &[f64; ORDER], ways: &[f64]) -> [f64; AHEAD] {
-    let mut last = [0.0; ORDER];
-    for (last, way) in last.iter_mut().zip(ways) {
-        *last = *way;
-    }
-    let mut gone = 0.0;
-    std::array::from_fn(|_| {
-        let way: f64 = last.iter().zip(weights).map(|(way, weight)| way * weight).sum();
-        last.rotate_right(1);
-        last[0] = way;
-        gone += way;
-        gone
-    })
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_sine_is_foreseen_and_the_errors_say_so() {
-        let tuning = Tuning::default();
-        let path = |k: f64| (0.4 * k).sin() + 0.3 * (0.9 * k + 1.0).sin();
-        // rows that are read at once, and for as long as there is from frame to frame
-        for half in [0.0, 0.3, 0.5] {
-            let mut forecast = Forecast::new();
-            forecast.begin(path(0.0));
-            for k in (1..400).map(f64::from) {
-                let (half_s, interval_s) = (half / 30.0, 1.0 / 30.0);
-                let ends =
-                    Ends { first: path(k - half), last: path(k + half), last_before: path(k - 1.0 + half), half_s, interval_s };
-                forecast.observe(&tuning, path(k), 1.0 / 30.0, ends, 1.0);
-            }
-            for j in -6..=6 {
-                let (expected, deviation) = forecast.at(f64::from(j) / 30.0);
-                let place = path(399.0 + f64::from(j));
-                assert!((expected - place).abs() < if j > 0 { 0.1 } else { 1e-6 }, "{half}, {j}: {expected}, {place}");
-                assert!(deviation < 0.05 && (deviation > 0.0) == (j > 0), "{half}, {j}: {deviation}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_the_last_rows_saw_brings_the_forecast_nearer() {
-        let mut state = 3u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
-        // a speed that wanders, at twelve times the frames' rate
-        let (mut place, mut speed) = (0.0, 0.0);
-        let path: Vec<f64> = (0..12 * 600)
-            .map(|_| {
-                speed += 0.02 * random() - 0.01 * speed;
-                place += speed;
-                place
-            })
-            .collect();
-        let error = |half: usize| {
-            let tuning = Tuning::default();
-            let mut forecast = Forecast::new();
-            forecast.begin(path[0]);
-            let mut squares = 0.0;
-            for k in 1..598 {
-                let at = |place: usize| path[place];
-                let (half_s, interval_s) = (half as f64 / 360.0, 1.0 / 30.0);
-                let ends = Ends {
-                    first: at(12 * k - half),
-                    last: at(12 * k + half),
-                    last_before: at(12 * k - 12 + half),
-                    half_s,
-                    interval_s,
-                };
-                forecast.observe(&tuning, path[12 * k], 1.0 / 30.0, ends, 1.0);
-                squares += (forecast.at(1.0 / 30.0).0 - path[12 * (k + 1)]).powi(2);
-            }
-            squares
-        };
-        let (middle, last) = (error(0), error(5));
-        assert!(last < 0.5 * middle, "squared error {middle} from middle rows, {last} from last rows");
-    }
-
-    #[test]
-    fn what_the_next_frame_says_of_the_last_row_takes_its_place() {
-        let (tuning, half_s, interval_s) = (Tuning::default(), 0.01, 1.0 / 30.0);
-        let mut forecast = Forecast::new();
-        forecast.begin(0.0);
-        for k in (1..9).map(f64::from) {
-            let ends = Ends { first: k - 0.3, last: k + 0.2, last_before: k - 0.7, half_s, interval_s };
-            forecast.observe(&tuning, k, interval_s, ends, 1.0);
-            // what is newest is as its frame says
-            assert!((forecast.at(half_s).0 - (k + 0.2)).abs() < 1e-12);
-            if k > 1.0 {
-                let revised = forecast.at(half_s - interval_s).0;
-                assert!((revised - (k - 0.7)).abs() < 1e-9, "frame {k}: {revised}");
-            }
-        }
-        // a frame that says nothing of the one before leaves it, and so does one that looks farther back
-        for interval_s in [0.0, 2.0 / 30.0] {
-            let before = forecast.at(half_s).0;
-            let ends = Ends { first: 9.0, last: 9.0, last_before: 77.0, half_s, interval_s };
-            forecast.observe(&tuning, 9.0, 1.0 / 30.0, ends, 1.0);
-            assert!((forecast.at(half_s - 1.0 / 30.0).0 - before).abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn the_range_is_that_of_the_last_seconds() {
-        let tuning = Tuning::default();
-        let mut forecast = Forecast::new();
-        forecast.begin(50.0);
-        for k in 1..=90 {
-            let place = f64::from(k % 3);
-            forecast.observe(&tuning, place, 1.0 / 30.0, Ends { first: place, last: place, ..Ends::default() }, 1.0);
-        }
-        assert_eq!((forecast.range(2.0), forecast.range(10.0)), (2.0, 50.0));
-    }
-
-    #[test]
-    fn whatever_comes_the_forecast_stays_finite_and_stable() {
-        let mut state = 7u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
-        let tuning = Tuning::default();
-        let mut forecast = Forecast::new();
-        forecast.begin(0.0);
-        let mut place = 0.0;
-        for k in 0..600 {
-            place += if k % 97 == 0 { 50.0 } else { random() };
-            forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, Ends::default(), 1.0);
-            for ahead in 0..30 {
-                let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
-                assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_still_camera_stays() {
-        let tuning = Tuning::default();
-        let mut forecast = Forecast::new();
-        forecast.begin(3.0);
-        for _ in 0..100 {
-            forecast.observe(&tuning, 3.0, 1.0 / 30.0, Ends { first: 3.0, last: 3.0, ..Ends::default() }, 1.0);
-            assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
-        }
-    }
-}
+mod tests;
