@@ -153,12 +153,12 @@ impl Forecast {
         (newest.place + of(&|j| f64::from(newest.expected[j])), of(&|j| self.squares[j].sqrt()))
     }
 
-    /// How far forecasts of a moment ahead were off of late.
+    /// How far forecasts `SOON_S` ahead were off of late: root of the mean square, in the path's units.
     pub fn surprise(&self) -> f64 {
         self.surprise.unwrap_or(0.0).sqrt()
     }
 
-    /// How far the places of the last `seconds` lie apart.
+    /// How far the places of the last `seconds` lie apart, in the path's units; of fewer seconds where fewer are remembered.
     pub fn range(&self, seconds: f64) -> f64 {
         let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
         for sample in (0..self.seen).map(|age| self.frame(age)).take_while(|sample| sample.time >= self.now - seconds) {

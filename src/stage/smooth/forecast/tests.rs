@@ -2,6 +2,15 @@
 
 use super::*;
 
+/// Numbers from -1 to 1, the same for the same seed.
+fn random(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}
+
 #[test]
 fn a_sine_is_foreseen_and_the_errors_say_so() {
     let tuning = Tuning::default();
@@ -27,11 +36,7 @@ fn a_sine_is_foreseen_and_the_errors_say_so() {
 
 #[test]
 fn what_the_last_rows_saw_brings_the_forecast_nearer() {
-    let mut state = 3u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = random(3);
     // a speed that wanders, at twelve times the frames' rate
     let (mut place, mut speed) = (0.0, 0.0);
     let path: Vec<f64> = (0..12 * 600)
@@ -103,11 +108,7 @@ fn the_range_is_that_of_the_last_seconds() {
 
 #[test]
 fn whatever_comes_the_forecast_stays_finite_and_stable() {
-    let mut state = 7u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = random(7);
     let tuning = Tuning::default();
     let mut forecast = Forecast::new();
     forecast.begin(0.0);
