@@ -235,9 +235,9 @@ def identity_or_none(path):
 class Daemon:
     """`gimbald run` with some settings; what it says goes to a file."""
 
-    def __init__(self, program, out, *sets, log="/tmp/gimbald.log", env=None):
+    def __init__(self, program, out, *sets, device="vivid", log="/tmp/gimbald.log", env=None):
         self.program, self.out, self.log, self.env = program, out, log, env
-        self.sets = ["camera.device=vivid", f"output.device={out}", *sets]
+        self.sets = [f"camera.device={device}", f"output.device={out}", *sets]
         self.process = None
 
     def start(self):
@@ -312,10 +312,10 @@ class Manager:
                 return
 
 
-def camera_appears(out, patience=15):
-    """Waits until the loopback is a camera."""
+def camera_appears(out, patience=15, while_=lambda: True):
+    """Waits until the loopback is a camera, as long as a condition holds."""
     end = now() + patience
-    while now() < end:
+    while now() < end and while_():
         try:
             if identity(out)[1] & 1:
                 return True

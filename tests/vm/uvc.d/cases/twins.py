@@ -1,0 +1,113 @@
+"""Two cameras of one kind: gimbald has one, and never opens the other, whatever is unplugged and in whatever order they come back.
+
+The twin counts what it is asked: after it was plugged in, nobody may have negotiated with it.
+"""
+import os
+from dataclasses import dataclass
+
+from scene import CARD, SERIAL, TWIN, Case, camera_nodes, link, socket_of
+
+GONE = 2.5  # seconds of each step: time for several tries to find a camera
+AWAY = 14  # longer than "auto" waits for the camera that it had
+
+
+@dataclass
+class Twins:
+    """A case: how the setting names ours; whether the two have serial numbers that differ."""
+
+    naming: str
+    serials: tuple = (SERIAL, TWIN)
+
+    def play(self, scene):
+        # Ours is the one in socket 0.
+        scene.start_camera("--port", "0", "--serial", self.serials[0])
+        first = camera_nodes("1-1")[0]
+        device = {"number": first[10:], "node": first, "name": CARD, "auto": "auto"}.get(self.naming) or link(self.naming, first)
+        # By its name alone ours can only be meant where it is alone.
+        plug_twin = lambda: scene.start_camera("--port", "1", "--serial", self.serials[1], name="twin")
+        if self.naming != "name":
+            plug_twin()
+        scene.note(f"camera.device={device}")
+        if not scene.check("it offers a picture", scene.start_daemon(device=device)):
+            return
+        scene.open_reader()
+        scene.check("the picture is live", scene.live_within(15))
+        if self.naming == "name":
+            plug_twin()
+            scene.watch(1)
+        pair = Pair(scene)
+        self.orders(pair)
+        scene.check("the daemon lives", scene.daemon.alive())
+
+    def orders(self, pair):
+        pair.order("ours goes and comes", ["out ours"], ["in ours"])
+        pair.order("both go, the twin comes first", ["out ours", "out twin"], ["in twin"], ["in ours"])
+        pair.order("both go, ours comes first", ["out twin", "out ours"], ["in ours"], ["in twin"])
+        pair.order("the twin goes, then ours, the twin comes", ["out twin"], ["out ours"], ["in twin"], ["in ours"])
+        pair.order("both go and come at once", ["out ours", "out twin", "in twin", "in ours"])
+        if self.serials[0] != self.serials[1]:
+            self.sockets_change(pair)
+        if self.naming == "auto":
+            self.ours_stays_away(pair)
+
+    def sockets_change(self, pair):
+        """A serial number goes with its camera; a path is that of a socket."""
+        stays = self.naming != "by-path"
+        pair.order("ours comes into another socket", ["out ours"], ["socket ours 4", "in ours"], live=stays)
+        pair.order("the twin comes into our socket, ours into its", ["out twin", "out ours"], ["socket twin 0", "in twin"],
+                   ["socket ours 1", "in ours"], live=stays)
+
+    @staticmethod
+    def ours_stays_away(pair):
+        """In the end it has to take another, and says so."""
+        pair.move("out ours")
+        pair.scene.watch(AWAY)
+        scene = pair.scene
+        scene.check("the picture is live, of the twin", scene.watch(10, until_live=True).live > 1)
+        scene.check("it says that it took another camera", "another camera than before" in scene.said())
+
+
+class Pair:
+    """The two cameras of a scene, and what has to hold of them at any time."""
+
+    def __init__(self, scene):
+        self.scene = scene
+        stats = scene.stats("twin")
+        # The driver itself negotiates with a camera that is plugged in.
+        self.usual = stats["probes"] // stats["plugs"]
+
+    def move(self, *words):
+        """`out ours`, `in twin`, `socket ours 3`: one after the other."""
+        for word in words:
+            what, which, *where = word.split()
+            command = {"out": ["unplug"], "in": ["plug"], "socket": ["set", f"port={''.join(where)}"]}[what]
+            self.scene.webcam(*command, name="cam" if which == "ours" else "twin")
+
+    def order(self, what, *steps, live=True):
+        """Plays steps, with time for gimbald to do wrong after each. `live`: ours has to be used in the end, else nothing."""
+        for step in steps:
+            self.move(*step)
+            self.scene.watch(GONE)
+        if live:
+            self.scene.check(f"{what}: live again", self.scene.watch(10, until_live=True).live > 1)
+        in_use = self.scene.camera_in_use()
+        self.scene.note(f"{what}: {in_use and os.path.realpath(in_use)} in socket {socket_of(in_use)}")
+        stats = self.scene.stats("twin")
+        asked = stats["probes"] - self.usual * stats["plugs"], stats.get("commits", 0), stats.get("starts", 0)
+        self.scene.check(f"{what}: the twin is left alone, not probed {asked[0]}, committed {asked[1]}, started {asked[2]} times",
+                         asked == (0, 0, 0))
+
+
+class OneOrder(Twins):
+    """The shortest: ours goes and comes."""
+
+    def orders(self, pair):
+        pair.order("ours goes and comes", ["out ours"], ["in ours"])
+        pair.order("both go, the twin comes first", ["out ours", "out twin"], ["in twin"], ["in ours"])
+
+
+NAMINGS = ("by-id", "by-path", "number", "node", "name", "auto")
+CASES = [Case("twin-must-not-be-taken", OneOrder("by-id").play, core=True)]
+CASES += [Case(f"twin-{naming}", Twins(naming).play) for naming in NAMINGS]
+CASES += [Case(f"twin-{naming}-without-serials", Twins(naming, ("", "")).play) for naming in NAMINGS]
+CASES += [Case("twin-by-id-equal-serials", Twins("by-id", (SERIAL, SERIAL)).play)]
