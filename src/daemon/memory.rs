@@ -1,13 +1,14 @@
 //! What was found out about cameras, kept across restarts in one small file that people can read and delete.
 
-use std::fs::{self, File};
-use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+mod file;
+
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
+use self::file::{StateFile, Unusable};
 use crate::device::FrameSource;
 use crate::device::v4l2::Capture;
 use crate::geometry::Calibration;
@@ -18,8 +19,7 @@ use crate::stage::shutter::{Known, certainty};
 const NAME: &str = "cameras.toml";
 /// It is written no oftener than this while a stream runs.
 const EVERY: Duration = Duration::from_secs(60);
-/// Bytes that are read of it, and cameras that are kept, at most; the one used longest ago is forgotten first.
-const LARGEST: u64 = 1 << 16;
+/// Most cameras that are kept; the one used longest ago is forgotten first.
 const MOST_CAMERAS: usize = 32;
 /// Standard deviations in an uncertainty, where it becomes a start: what is known begins doubted, since lenses are exchanged.
 const DOUBT: f64 = 2.0;
@@ -68,21 +68,29 @@ struct Content {
     camera: Vec<Entry>,
 }
 
+/// An entry as it is held here, and whether it must be written.
+#[derive(Clone, Debug)]
+struct Held {
+    entry: Entry,
+    /// Since the file was written last: a stream in this mode began, or its values changed.
+    used: bool,
+    changed: bool,
+}
+
 /// The memory; without a state directory it remembers nothing.
 #[derive(Debug)]
 pub(super) struct Memory {
-    path: Option<PathBuf>,
+    file: Option<StateFile>,
     state: Mutex<State>,
 }
 
 #[derive(Debug)]
 struct State {
     /// Last used last.
-    entries: Vec<Entry>,
+    entries: Vec<Held>,
     current: Option<Mode>,
     /// When it was written or read.
     since: Instant,
-    changed: bool,
     failed: bool,
 }
 
@@ -122,24 +130,28 @@ impl Value {
 }
 
 impl Memory {
-    /// Reads what is kept in `directory`. A file that cannot be read as such is told of and left aside, until there is something to
-    /// write.
+    /// Reads what is kept in `directory`. A file that cannot be used is named in the log; one that is only damaged is replaced as soon as
+    /// there is something to write.
     pub(super) fn open(directory: Option<&Path>) -> Self {
-        let path = directory.map(|directory| directory.join(NAME));
+        let file = directory.map(|directory| StateFile::new(directory, NAME));
         let mut entries = Vec::new();
-        if let Some(path) = &path {
-            match read(path) {
+        if let Some(file) = &file {
+            match file.read().and_then(entries_of) {
                 Ok(found) => entries = found,
-                Err(what) => tracing::warn!("{}: {what}; it is left aside and will be written anew", path.display()),
+                Err(what @ Unusable::Damaged(_)) => {
+                    tracing::warn!("{}: {what}; it is ignored, and replaced at the next write", file.path().display());
+                }
+                Err(what) => tracing::warn!("{}: {what}", file.path().display()),
             }
         }
-        let state = State { entries, current: None, since: Instant::now(), changed: false, failed: false };
-        Self { path, state: Mutex::new(state) }
+        let entries = entries.into_iter().map(Held::as_read).collect();
+        let state = State { entries, current: None, since: Instant::now(), failed: false };
+        Self { file, state: Mutex::new(state) }
     }
 
     /// Whether anything is kept.
     pub(super) fn keeps(&self) -> bool {
-        self.path.is_some()
+        self.file.is_some()
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -148,22 +160,23 @@ impl Memory {
 
     /// Size and frames a second of the camera that was used last, of those that are known.
     pub(super) fn latest(&self) -> Option<(u32, u32, f64)> {
-        self.state().entries.last().map(|Entry { mode, .. }| (mode.width, mode.height, mode.fps))
+        self.state().entries.last().map(|Held { entry: Entry { mode, .. }, .. }| (mode.width, mode.height, mode.fps))
     }
 
     /// A stream in `mode` begins, for which the settings say `camera`: what they leave open begins where it was left.
     pub(super) fn begin(&self, mode: Mode, camera: Camera) -> Camera {
         let mut state = self.state();
         let mut start = camera;
-        if let Some(at) = state.entries.iter().position(|entry| entry.mode == mode) {
-            let entry = state.entries.remove(at);
-            if let (Known::Nothing, Some(readout)) = (camera.readout_ms, entry.readout_ms) {
+        if let Some(at) = state.entries.iter().position(|held| held.entry.mode == mode) {
+            let held = state.entries.remove(at);
+            let Entry { readout_ms, hfov_deg, .. } = held.entry;
+            if let (Known::Nothing, Some(readout)) = (camera.readout_ms, readout_ms) {
                 start.readout_ms = readout.start(FLOOR.0);
             }
-            if let (Known::Nothing, Some(hfov)) = (camera.hfov_deg, entry.hfov_deg) {
+            if let (Known::Nothing, Some(hfov)) = (camera.hfov_deg, hfov_deg) {
                 start.hfov_deg = hfov.start(FLOOR.1);
             }
-            state.entries.push(entry);
+            state.entries.push(Held { used: true, ..held });
         }
         if start != camera {
             tracing::info!(readout_ms = ?start.readout_ms, hfov_deg = ?start.hfov_deg, "this camera is known from before");
@@ -190,14 +203,25 @@ impl Memory {
     }
 
     fn write(&self, state: &mut State) {
-        let Some(path) = self.path.as_ref().filter(|_| state.changed) else { return };
+        let Some(file) = self.file.as_ref().filter(|_| state.changed()) else { return };
         state.since = Instant::now();
-        let written = replace(path, &state.entries);
-        match written {
-            Ok(()) => (state.changed, state.failed) = (false, false),
+        let mut written = Vec::new();
+        let updated = file.update(|before| {
+            written = match before.and_then(entries_of) {
+                Ok(kept) => merge(kept, &state.entries),
+                Err(Unusable::Damaged(_)) => state.entries.iter().map(|held| held.entry.clone()).collect(),
+                Err(refused) => return Err(refused),
+            };
+            text_of(&written)
+        });
+        match updated {
+            Ok(()) => {
+                state.entries = written.into_iter().map(Held::as_read).collect();
+                state.failed = false;
+            }
             // Once: it will be tried again, and nothing depends on it.
             Err(error) if !state.failed => {
-                tracing::warn!("{}: cannot keep what was found out about the camera: {error}", path.display());
+                tracing::warn!("{}: what was learned about the camera is not kept: {error}", file.path().display());
                 state.failed = true;
             }
             Err(_) => {}
@@ -205,7 +229,18 @@ impl Memory {
     }
 }
 
+impl Held {
+    fn as_read(entry: Entry) -> Self {
+        Self { entry, used: false, changed: false }
+    }
+}
+
 impl State {
+    /// Whether there is anything to write.
+    fn changed(&self) -> bool {
+        self.entries.iter().any(|held| held.changed)
+    }
+
     fn learn(&mut self, found: &Calibration) {
         let Some(mode) = self.current.clone() else { return };
         let readout = certainty::known_readout(found, mode.interval_s()).map(|estimate| Value::new(estimate, 1e3));
@@ -213,77 +248,77 @@ impl State {
         if readout.is_none() && hfov.is_none() {
             return;
         }
-        let at = self.entries.iter().position(|entry| entry.mode == mode).unwrap_or_else(|| {
+        let at = self.entries.iter().position(|held| held.entry.mode == mode).unwrap_or_else(|| {
             if self.entries.len() >= MOST_CAMERAS {
                 self.entries.remove(0);
             }
-            self.entries.push(Entry { mode, readout_ms: None, hfov_deg: None });
+            self.entries.push(Held::as_read(Entry { mode, readout_ms: None, hfov_deg: None }));
             self.entries.len() - 1
         });
-        let entry = &mut self.entries[at];
+        let Held { entry, used, changed } = &mut self.entries[at];
         for (kept, new) in [(&mut entry.readout_ms, readout), (&mut entry.hfov_deg, hfov)] {
             let Some(new) = new else { continue };
             if kept.is_none_or(|kept| kept.told_by(&new)) {
                 *kept = Some(new);
-                self.changed = true;
+                (*used, *changed) = (true, true);
             }
         }
     }
 }
 
-/// The entries of the file; none where there is no file.
-fn read(path: &Path) -> Result<Vec<Entry>, String> {
-    let mut text = String::new();
-    match File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_string(&mut text)) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(format!("cannot read what is known of cameras: {error}")),
-        Ok(_) if text.len() as u64 > LARGEST => return Err(format!("more than {LARGEST} bytes, not written by gimbald")),
-        Ok(_) => {}
+/// What the file is to hold: what it holds now, be it another daemon's, with the order of use and the changes of this one. An entry that
+/// was deleted from it stays deleted unless it changed here.
+fn merge(mut kept: Vec<Entry>, ours: &[Held]) -> Vec<Entry> {
+    for held in ours.iter().filter(|held| held.used) {
+        let there = kept.iter().position(|entry| entry.mode == held.entry.mode).map(|at| kept.remove(at));
+        kept.extend(if held.changed { Some(held.entry.clone()) } else { there });
     }
-    let content: Content = toml::from_str(&text).map_err(|error| format!("not as gimbald writes it: {}", error.message()))?;
+    kept.drain(..kept.len().saturating_sub(MOST_CAMERAS));
+    kept
+}
+
+/// The entries in the file's text; none where there is no file.
+fn entries_of(text: Option<String>) -> Result<Vec<Entry>, Unusable> {
+    let Some(text) = text else { return Ok(Vec::new()) };
+    let damaged = |what: String| Unusable::Damaged(what);
+    let mut content: Content =
+        toml::from_str(&text).map_err(|error| damaged(format!("is not as gimbald writes it: {}", error.message())))?;
     for entry in &content.camera {
         let fits = entry.readout_ms.is_none_or(|value| value.fits(RANGES.0))
             && entry.hfov_deg.is_none_or(|value| value.fits(RANGES.1));
         if !fits {
-            return Err(format!("what it says of {:?} cannot be", entry.mode.name));
+            return Err(damaged(format!("a value of {:?} is out of range", entry.mode.name)));
         }
     }
-    Ok(content.camera.into_iter().rev().take(MOST_CAMERAS).rev().collect())
+    content.camera.drain(..content.camera.len().saturating_sub(MOST_CAMERAS));
+    Ok(content.camera)
 }
 
-/// Writes the file beside its place and moves it there: at every moment there is a whole one.
-fn replace(path: &Path, entries: &[Entry]) -> io::Result<()> {
-    let content = Content { camera: entries.to_vec() };
-    let text = toml::to_string(&content).map_err(io::Error::other)?;
-    let beside = path.with_extension("toml.new");
-    let mut file = File::create(&beside)?;
-    file.write_all(HEAD.as_bytes())?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    fs::rename(&beside, path)
+/// The file's text.
+fn text_of(entries: &[Entry]) -> Result<String, Unusable> {
+    let text = toml::to_string(&Content { camera: entries.to_vec() });
+    text.map(|text| HEAD.to_owned() + &text).map_err(|error| Unusable::Refused(format!("cannot be written as TOML: {error}")))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    struct Scratch(PathBuf);
+    use std::fs;
+
+    struct Scratch(tempfile::TempDir);
 
     impl Scratch {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("gimbald-memory-{}-{name}", std::process::id()));
-            fs::create_dir_all(&path).unwrap();
-            Self(path)
+        fn new() -> Self {
+            Self(tempfile::tempdir().unwrap())
+        }
+
+        fn path(&self) -> &Path {
+            self.0.path()
         }
 
         fn text(&self) -> String {
-            fs::read_to_string(self.0.join(NAME)).unwrap_or_default()
-        }
-    }
-
-    impl Drop for Scratch {
-        fn drop(&mut self) {
-            let _ = fs::remove_dir_all(&self.0);
+            fs::read_to_string(self.path().join(NAME)).unwrap_or_default()
         }
     }
 
@@ -298,15 +333,15 @@ mod tests {
 
     #[test]
     fn what_was_found_is_known_after_a_restart_for_the_same_camera_and_mode() {
-        let scratch = Scratch::new("restart");
-        let memory = Memory::open(Some(&scratch.0));
+        let scratch = Scratch::new();
+        let memory = Memory::open(Some(scratch.path()));
         assert_eq!(memory.begin(mode("A \"quoted\" name"), Camera::default()), Camera::default());
         memory.learn(&SURE);
         assert_eq!(scratch.text(), "", "not before its time");
         memory.end(&SURE);
         assert!(scratch.text().starts_with("# What gimbald"), "{}", scratch.text());
 
-        let memory = Memory::open(Some(&scratch.0));
+        let memory = Memory::open(Some(scratch.path()));
         let start = memory.begin(mode("A \"quoted\" name"), Camera::default());
         let (Known::About(readout_ms, readout_off), Known::About(hfov_deg, hfov_off)) = (start.readout_ms, start.hfov_deg)
         else {
@@ -327,9 +362,9 @@ mod tests {
 
     #[test]
     fn what_is_vague_or_was_given_is_not_kept_and_does_not_overwrite() {
-        let scratch = Scratch::new("vague");
+        let scratch = Scratch::new();
         let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, ..SURE };
-        let memory = Memory::open(Some(&scratch.0));
+        let memory = Memory::open(Some(scratch.path()));
         for nothing in [VAGUE, given, Calibration::default()] {
             memory.begin(mode("A"), Camera::default());
             memory.end(&nothing);
@@ -343,7 +378,7 @@ mod tests {
         // nearly the same is not written again
         memory.begin(mode("A"), Camera::default());
         memory.end(&Calibration { readout_s: SURE.readout_s + 1e-5, ..SURE });
-        assert!(!memory.state().changed);
+        assert!(!memory.state().changed());
         assert_eq!(scratch.text(), text);
         memory.begin(mode("A"), Camera::default());
         memory.end(&Calibration { readout_s: -0.02, ..SURE });
@@ -352,7 +387,7 @@ mod tests {
 
     #[test]
     fn damaged_and_foreign_files_are_left_aside_and_replaced() {
-        let scratch = Scratch::new("damaged");
+        let scratch = Scratch::new();
         for content in [
             &b"\xff\xfe not text"[..],
             b"[[camera",
@@ -363,13 +398,13 @@ mod tests {
             b"[[camera]]\nname=\"A\"\nbus=\"usb-1\"\nformat=\"MJPEG\"\nwidth=640\nheight=480\nfps=30.0\nhfov_deg={value=400.0,uncertainty=1.0}\n",
             &[b'#'; 1 << 17],
         ] {
-            fs::write(scratch.0.join(NAME), content).unwrap();
-            let memory = Memory::open(Some(&scratch.0));
+            fs::write(scratch.path().join(NAME), content).unwrap();
+            let memory = Memory::open(Some(scratch.path()));
             assert_eq!(memory.begin(mode("A"), Camera::default()), Camera::default());
             memory.end(&SURE);
-            assert_ne!(Memory::open(Some(&scratch.0)).begin(mode("A"), Camera::default()), Camera::default());
+            assert_ne!(Memory::open(Some(scratch.path())).begin(mode("A"), Camera::default()), Camera::default());
         }
-        let memory = Memory::open(Some(&scratch.0.join("no-such-directory")));
+        let memory = Memory::open(Some(&scratch.path().join("no-such-directory")));
         memory.begin(mode("A"), Camera::default());
         memory.end(&SURE);
         assert!(memory.state().failed);
@@ -377,8 +412,8 @@ mod tests {
 
     #[test]
     fn many_cameras_are_kept_and_the_one_used_longest_ago_goes() {
-        let scratch = Scratch::new("many");
-        let memory = Memory::open(Some(&scratch.0));
+        let scratch = Scratch::new();
+        let memory = Memory::open(Some(scratch.path()));
         for n in 0..MOST_CAMERAS {
             memory.begin(mode(&format!("camera {n}")), Camera::default());
             memory.end(&SURE);
@@ -386,8 +421,42 @@ mod tests {
         memory.begin(mode("camera 0"), Camera::default());
         memory.begin(mode("one more"), Camera::default());
         memory.end(&SURE);
-        let known = |name: &str| Memory::open(Some(&scratch.0)).begin(mode(name), Camera::default()) != Camera::default();
+        let known = |name: &str| Memory::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
         assert!(known("one more") && known("camera 0") && !known("camera 1") && known("camera 2"));
+    }
+
+    #[test]
+    fn two_daemons_keep_what_each_learned() {
+        let scratch = Scratch::new();
+        let (one, other) = (Memory::open(Some(scratch.path())), Memory::open(Some(scratch.path())));
+        for (memory, name) in [(&one, "A"), (&other, "B")] {
+            memory.begin(mode(name), Camera::default());
+            memory.end(&SURE);
+        }
+        let known = |name: &str| Memory::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
+        assert!(known("A") && known("B") && !known("C"));
+        // What was deleted from the file is not brought back by a daemon that had read it.
+        fs::remove_file(scratch.path().join(NAME)).unwrap();
+        one.begin(mode("A"), Camera::default());
+        one.begin(mode("C"), Camera::default());
+        one.end(&SURE);
+        assert!(known("C") && !known("A") && !known("B"));
+    }
+
+    #[test]
+    fn what_stands_in_the_files_place_is_left_there() {
+        let scratch = Scratch::new();
+        let elsewhere = scratch.path().join("elsewhere");
+        fs::write(&elsewhere, "another's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, scratch.path().join(NAME)).unwrap();
+        let memory = Memory::open(Some(scratch.path()));
+        memory.begin(mode("A"), Camera::default());
+        memory.end(&SURE);
+        assert!(memory.state().failed && memory.state().changed());
+        assert_eq!(scratch.text(), "another's");
+        fs::remove_file(scratch.path().join(NAME)).unwrap();
+        memory.end(&SURE);
+        assert!(!memory.state().failed && scratch.text().starts_with("# What gimbald"), "tried again at the next end");
     }
 
     #[test]
