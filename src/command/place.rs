@@ -10,7 +10,7 @@ use crate::device::digest::DigestSink;
 use crate::device::null::NullSink;
 use crate::device::recording::RecordingSink;
 use crate::device::y4m::Y4mSink;
-use crate::device::{FrameSink, Output, StreamFormat};
+use crate::device::{FrameSink, Output, StreamFormat, private};
 
 /// Refuses a command line in which one file would be written that is also read, or written twice.
 ///
@@ -75,12 +75,12 @@ pub(super) struct ReportFile {
 }
 
 impl ReportFile {
-    /// Makes the file, empty.
+    /// Makes the file, empty, for its owner's eyes alone.
     ///
     /// # Errors
     /// Where the system refuses.
     pub(super) fn create(path: &Path) -> Result<Self, Failure> {
-        let file = File::create(path).map_err(|error| Failure::creating(path, &error))?;
+        let file = private::create(path).map_err(|error| Failure::creating(path, &error))?;
         Ok(Self { path: path.into(), file })
     }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::place::ReportFile;
 use super::progress::Progress;
 use super::{Exit, Failure};
-use crate::device::DeviceError;
+use crate::device::{DeviceError, private};
 use crate::frame::Frame;
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
@@ -49,7 +49,7 @@ impl Watch {
     /// # Errors
     /// Where the file cannot be created.
     pub(super) fn trace_to(&mut self, path: &Path, model: Model) -> Result<(), Failure> {
-        let file = File::create(path).map_err(|error| Failure::creating(path, &error))?;
+        let file = private::create(path).map_err(|error| Failure::creating(path, &error))?;
         let trace =
             Trace::new(BufWriter::new(file), model, self.stop.clone()).map_err(|error| Failure::writing(path, &error))?;
         self.trace = Some((trace, path.into()));

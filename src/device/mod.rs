@@ -10,6 +10,7 @@ pub mod null;
 mod output;
 pub mod paced;
 pub mod placeholder;
+pub mod private;
 pub mod recording;
 pub mod rehearsal;
 pub mod replay;

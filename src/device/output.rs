@@ -1,7 +1,7 @@
 //! Bytes to a file or standard output.
 
-use super::DeviceError;
 use super::input::STANDARD_STREAM;
+use super::{DeviceError, private};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::os::fd::AsFd;
@@ -23,7 +23,7 @@ impl std::fmt::Debug for Output {
 }
 
 impl Output {
-    /// Makes a file, emptied if it was there, or takes standard output for `-`.
+    /// Makes a file as [`private::create`] does, or takes standard output for `-`.
     ///
     /// # Errors
     /// [`DeviceError::Io`] where the system refuses.
@@ -31,7 +31,7 @@ impl Output {
         let (path, file) = if path.as_os_str() == STANDARD_STREAM {
             (PathBuf::from("standard output"), io::stdout().as_fd().try_clone_to_owned().map(File::from))
         } else {
-            (path.into(), File::create(path))
+            (path.into(), private::create(path))
         };
         match file {
             Ok(file) => Ok(Self::from_writer(path, Box::new(file))),
