@@ -277,9 +277,14 @@ fn monstrous_claims_take_no_memory() {
         assert!(error.contains("expected 1 to 8192"), "{size}: {error}");
     }
     // A recording of the largest pictures, cut within its first.
-    let stream = StreamFormat::tight(8192, 8192, PixelFormat::Mjpeg, (1, 25));
+    let stream = StreamFormat::tight(7680, 4320, PixelFormat::Mjpeg, (1, 25));
     let bytes = record(&stream, &[vec![1; 1000]]);
     assert!(recording(&bytes[..bytes.len() - 1]).error.unwrap().contains("truncated"));
+    // Larger ones, of which one picture would take 200 MB to decode, are refused by who reads and by who writes.
+    let stream = StreamFormat::tight(7680, 4321, PixelFormat::Mjpeg, (1, 25));
+    let output = Output::from_writer("test".into(), Box::new(Shared::default()));
+    let error = RecordingWriter::new(output, &stream, "a camera").unwrap_err().to_string();
+    assert!(error.contains("7680x4321, expected at most 33177600 pixels"), "{error}");
     // A picture that claims to be 65500 pixels wide and high.
     let mut jpeg = jpegs().swap_remove(0);
     let header = jpeg.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+/// The most pixels of a picture that comes compressed: 7680 x 4320. Its size costs the sender nothing, unlike that of raw frames.
+pub const MOST_COMPRESSED_PIXELS: u64 = 7680 * 4320;
+
 /// How a raw frame's bytes are laid out, as V4L2 and y4m name it. All samples have 8 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
@@ -69,6 +72,11 @@ impl PixelFormat {
     /// Whether a frame's size in bytes varies with its content.
     pub fn is_compressed(self) -> bool {
         self == Self::Mjpeg
+    }
+
+    /// Whether pictures of `width` x `height` are too large to be decoded: more than [`MOST_COMPRESSED_PIXELS`].
+    pub fn is_too_large(self, width: u32, height: u32) -> bool {
+        self.is_compressed() && u64::from(width) * u64::from(height) > MOST_COMPRESSED_PIXELS
     }
 
     /// Bytes of a row of the first plane where rows have no padding; 0 for compressed formats.

@@ -8,7 +8,7 @@ mod picture;
 mod plane;
 mod raw;
 
-pub use format::{Colour, PixelFormat, Range, Siting};
+pub use format::{Colour, MOST_COMPRESSED_PIXELS, PixelFormat, Range, Siting};
 pub use picture::{BLACK, Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;

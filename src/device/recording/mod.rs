@@ -23,7 +23,7 @@
 //! payload of FORM: the format of the frames that follow, up to the next FORM. The first record is one.
 //!    0  4 bytes  pixel format, V4L2's four characters: YUYV UYVY NV12 YU12 422P 444P GREY RGB3 BGR3 MJPG
 //!    4  u32      width, pixels, 1 to 8192
-//!    8  u32      height, rows, 1 to 8192
+//!    8  u32      height, rows, 1 to 8192; of MJPG at most 7680 x 4320 pixels in all
 //!   12  u32      bytes from one row of the first plane to the next (chroma rows in proportion, as V4L2 has it); 0 for MJPG
 //!   16  2 u32    nominal time between frames, seconds, numerator and denominator
 //!   24  2 u32    shape of a sample, width and height; 0 0 unknown

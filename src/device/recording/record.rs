@@ -3,7 +3,7 @@
 use super::{LARGEST, MAGIC};
 use crate::device::StreamFormat;
 use crate::frame::{FrameFlags, Stamp};
-use crate::image::{Colour, PixelFormat, Range, RawLayout, Siting};
+use crate::image::{Colour, MOST_COMPRESSED_PIXELS, PixelFormat, Range, RawLayout, Siting};
 
 /// The version that is written, and the only one that is read.
 const VERSION: u16 = 1;
@@ -176,6 +176,11 @@ pub(super) fn longest_frame(format: &StreamFormat) -> Result<usize, String> {
     let sizes = 1..=LARGEST;
     if !sizes.contains(&width) || !sizes.contains(&height) {
         return Err(format!("its pictures are {width}x{height}, expected 1x1 to {LARGEST}x{LARGEST}"));
+    }
+    if pixel.is_too_large(width, height) {
+        return Err(format!(
+            "its {pixel} pictures are {width}x{height}, expected at most {MOST_COMPRESSED_PIXELS} pixels (7680x4320) of a compressed format"
+        ));
     }
     if pixel.is_compressed() {
         return Ok(4 * width as usize * height as usize + SLACK);

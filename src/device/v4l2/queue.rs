@@ -26,6 +26,12 @@ pub(super) struct Returned {
 
 /// The buffers of one node. A buffer is either the driver's (queued) or ours; its bytes can be reached only while it is ours, and
 /// since queueing takes `&mut self`, no borrow of them outlives that.
+///
+/// That is what keeps *us* from reading a frame that is being overwritten. It does not keep others from writing: every process that
+/// may open the node can map the same buffers, a loopback's readers all do, and a driver that was not asked ([`Queue::take_back`]) may
+/// still use a buffer. Bytes of a mapping can therefore change at any time, between two reads of one byte as well. Whoever reads them
+/// must need nothing of them: either samples, which decide no address and no length, or one copy into private memory, which is then
+/// looked at in the mapping's place.
 #[derive(Debug)]
 pub(super) struct Queue {
     // Unmapped and freed in Drop, before the node's own Drop closes the descriptor.
@@ -95,8 +101,11 @@ impl Queue {
     /// The bytes of buffer `index`; none while it is the driver's.
     pub(super) fn bytes(&self, index: usize) -> &[u8] {
         match self.mappings.get(index) {
-            // SAFETY: mapped by `new` with this length until Drop, readable, and not queued: the driver leaves it alone while
-            // the borrow of `self` lasts, since queueing needs `&mut self`.
+            // SAFETY: mapped by `new` with this length until Drop, and readable. No reference of this process writes it while the
+            // borrow of `self` lasts: `bytes_mut` and `enqueue` need `&mut self`. Other processes, and after `take_back` the driver, may
+            // write it all the same. The compiler cannot know, and that is why nothing may be concluded from these bytes before they
+            // are copied (see `Queue`): the frame path copies compressed frames before it looks at them (stage/unpack/mjpeg) and of raw
+            // ones reads samples, whose values no address depends on.
             Some(mapping) if !mapping.queued => unsafe { std::slice::from_raw_parts(mapping.start.as_ptr(), mapping.length) },
             _ => &[],
         }
@@ -105,8 +114,9 @@ impl Queue {
     /// The bytes of buffer `index`, to write; none while it is the driver's.
     pub(super) fn bytes_mut(&mut self, index: usize) -> &mut [u8] {
         match self.mappings.get_mut(index) {
-            // SAFETY: as for `bytes`; writable, and `&mut self` makes this the only borrow. (Readers of a loopback's frame may
-            // see it change: they are other processes, with mappings of their own.)
+            // SAFETY: as for `bytes`; mapped writable, and `&mut self` makes this the only reference of this process. After `take_back`
+            // the driver may still be handing the buffer to readers, who then see it change: they are other processes with mappings
+            // of their own, and what they read is up to them. Nothing here depends on what is read back.
             Some(mapping) if !mapping.queued => unsafe {
                 std::slice::from_raw_parts_mut(mapping.start.as_ptr(), mapping.length)
             },
@@ -150,7 +160,9 @@ impl Queue {
         Ok(Some(index))
     }
 
-    /// Makes a buffer ours without asking the driver, as [`Queue::take_next`].
+    /// Makes a buffer ours without asking the driver, as [`Queue::take_next`]: v4l2loopback copies no frames, it only tells readers
+    /// which buffer is the newest, and writes to none. To the driver the buffer stays queued; being queued once more does it no harm. So
+    /// "ours" then means that no other part of this process has it, not that nobody looks at it.
     pub(super) fn take_back(&mut self, index: usize) {
         if let Some(mapping) = self.mappings.get_mut(index) {
             mapping.queued = false;

@@ -2,13 +2,14 @@
 
 mod mjpeg;
 
+use std::borrow::Cow;
+
 use crate::image::{Picture, PixelFormat, PlaneRef, RawLayout, Sampling};
 use crate::kernel::Level;
 use crate::kernel::convert::{self, LumaFirst, NEUTRAL, RgbOrder};
 use mjpeg::Mjpeg;
 
-/// The widest or highest picture that is unpacked, pixels: 16 times 1080p's area is more than any camera gives, and it bounds
-/// what a damaged header can make us allocate (0.3 GB).
+/// The widest or highest picture that is unpacked, pixels.
 pub const LARGEST: u32 = 8192;
 
 /// Why a frame could not be unpacked. The picture's samples are then unspecified.
@@ -25,7 +26,9 @@ pub enum UnpackError {
         needed: usize,
     },
     /// The stream's size or stride makes no sense.
-    #[error("a {format} frame of {width}x{height} with rows of {stride} bytes is not possible (at most {LARGEST}x{LARGEST})")]
+    #[error(
+        "a {format} frame of {width}x{height} with rows of {stride} bytes is not possible (at most {LARGEST}x{LARGEST}, compressed 7680x4320)"
+    )]
     Impossible {
         /// The format.
         format: PixelFormat,
@@ -36,8 +39,8 @@ pub enum UnpackError {
         /// Stride.
         stride: usize,
     },
-    /// A compressed picture says another size than the stream.
-    #[error("the JPEG picture is {}x{}, the stream {}x{}", found.0, found.1, expected.0, expected.1)]
+    /// A compressed picture is much larger than the stream.
+    #[error("the JPEG picture is {}x{}, the stream {}x{}; at most four times as many pixels are decoded", found.0, found.1, expected.0, expected.1)]
     SizeMismatch {
         /// The picture's own (width, height).
         found: (usize, usize),
@@ -53,8 +56,8 @@ pub enum UnpackError {
     /// A compressed picture is damaged.
     #[error("the JPEG picture is damaged: {what}")]
     Damaged {
-        /// The decoder's own words.
-        what: String,
+        /// What is wrong, or the decoder's own words.
+        what: Cow<'static, str>,
     },
 }
 
@@ -107,7 +110,7 @@ impl Unpack {
         into: &mut Picture,
     ) -> Result<(), UnpackError> {
         let impossible = UnpackError::Impossible { format, width, height, stride };
-        if width == 0 || height == 0 || width > LARGEST || height > LARGEST {
+        if width == 0 || height == 0 || width > LARGEST || height > LARGEST || format.is_too_large(width, height) {
             return Err(impossible);
         }
         let size = (width as usize, height as usize);
