@@ -1,7 +1,9 @@
 //! The program as people use it: arguments in, files and exit codes out.
 
-use gimbald::device::{Lent, replay};
+use gimbald::device::recording::RecordingWriter;
+use gimbald::device::{Lent, RawFrame, StreamFormat, replay};
 use gimbald::frame::Stamp;
+use gimbald::image::PixelFormat;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -277,6 +279,22 @@ fn of_a_cut_recording_the_whole_frames_are_stabilized() {
     bad(65, &["truncated"], &["check", &input]);
     let answer = String::from_utf8(good(&["check", CAR])).unwrap();
     assert!(answer.contains("24 frames, 400x300 MJPG") && answer.contains("29.9"), "{answer}");
+}
+
+/// Sequence numbers that jump up and down: more frames missing in all than a number of 64 bits can say.
+#[test]
+fn missing_frames_are_counted_as_far_as_numbers_go() {
+    let scratch = Scratch::new("wild");
+    let recording = scratch.file("wild.gbr");
+    let format = StreamFormat::tight(2, 2, PixelFormat::Grey, (1, 30));
+    let mut writer = RecordingWriter::create(Path::new(&recording), &format, "").unwrap();
+    for (n, sequence) in [0, u64::MAX, 3, u64::MAX - 1].into_iter().enumerate() {
+        let stamp = Stamp { time_ns: n as i64 * 33_000_000, sequence, ..Stamp::default() };
+        writer.write_raw(&RawFrame { format, bytes: &[7; 4], stamp }).unwrap();
+    }
+    writer.finish().unwrap();
+    let answer = String::from_utf8(good(&["check", &recording])).unwrap();
+    assert!(answer.contains(&format!("{} frames missing", u64::MAX)), "{answer}");
 }
 
 #[test]

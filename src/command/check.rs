@@ -122,7 +122,8 @@ fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), D
         if found.frames == 0 {
             found.first_ns = stamp.time_ns;
         } else {
-            found.missing += stamp.sequence.saturating_sub(found.last_sequence).saturating_sub(1);
+            let missing = stamp.sequence.saturating_sub(found.last_sequence).saturating_sub(1);
+            found.missing = found.missing.saturating_add(missing);
             found.disordered += u64::from(stamp.time_ns <= found.last_ns);
         }
         (found.last_ns, found.last_sequence) = (stamp.time_ns, stamp.sequence);

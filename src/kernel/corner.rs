@@ -35,8 +35,8 @@ pub fn strongest(
 ) -> Option<Corner> {
     let rim = REACH + 1;
     let (x0, y0) = (x.max(rim), y.max(rim));
-    let x1 = (x + width.min(MOST)).min(plane.width().saturating_sub(rim));
-    let y1 = (y + height.min(MOST)).min(plane.height().saturating_sub(rim));
+    let x1 = x.saturating_add(width.min(MOST)).min(plane.width().saturating_sub(rim));
+    let y1 = y.saturating_add(height.min(MOST)).min(plane.height().saturating_sub(rim));
     if x0 >= x1 || y0 >= y1 {
         return None;
     }

@@ -129,14 +129,4 @@ macro_rules! dispatch {
 pub(crate) use dispatch;
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_cap_holds() {
-        assert_eq!(Level::capped(Some("scalar")), Level::SCALAR);
-        assert_eq!(Level::capped(Some("avx2")), Level::best());
-        assert_eq!(Level::capped(None), Level::best());
-        assert_eq!(Level::all().next(), Some(Level::SCALAR));
-    }
-}
+mod tests;

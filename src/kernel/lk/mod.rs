@@ -80,7 +80,7 @@ fn split(x: f32) -> (isize, i16) {
 }
 
 /// Gives `side` + 1 rows of `side` + 1 samples around (`x`, `y`), which lies at or right below the top-left one: of the plane itself
-/// where they lie inside, else of a scratch copy whose edges repeat.
+/// where they lie inside, else of a scratch copy whose edges repeat. A plane without samples is black.
 #[inline(always)]
 fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH], [x, y]: [f32; 2], side: usize) -> Window<'a> {
     let ((left, x), (top, y)) = (split(x), split(y));
@@ -88,6 +88,10 @@ fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH]
     if left >= 0 && top >= 0 && left + n <= w && top + n <= h {
         let samples = &plane.samples()[top as usize * plane.stride() + left as usize..];
         return Window { samples, stride: plane.stride(), x, y };
+    }
+    if w == 0 || h == 0 {
+        scratch.as_flattened_mut().fill(0);
+        return Window { samples: scratch.as_flattened(), stride: SCRATCH, x, y };
     }
     for (j, row) in scratch.iter_mut().enumerate().take(side + 1) {
         let from = plane.row((top + j as isize).clamp(0, h - 1) as usize);
@@ -101,8 +105,8 @@ fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH]
 /// Asks for the samples of a patch of `side` around `centre` (x, y) to be brought near: they will be wanted soon.
 #[inline]
 pub fn expect(plane: PlaneRef<'_>, centre: [f32; 2], side: usize) {
-    let first = centre.map(|c| (c as isize - side as isize / 2 - 1).max(0) as usize);
-    let last = (first[1] + side + 3).min(plane.height());
+    let first = centre.map(|c| (c as isize).saturating_sub_unsigned(side / 2 + 1).max(0) as usize);
+    let last = first[1].saturating_add(side + 3).min(plane.height());
     for y in first[1]..last {
         if let Some(sample) = plane.row(y).get(first[0]) {
             near(sample);

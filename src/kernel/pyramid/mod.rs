@@ -14,6 +14,9 @@ const BLOCK: usize = 256;
 pub fn halve(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>) {
     let mut to = to;
     let size = [(from.width() / 2).min(to.width()), (from.height() / 2).min(to.height())];
+    if size.contains(&0) {
+        return;
+    }
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
         // SAFETY: a `Level` says AVX2 only where the processor was found to have it.

@@ -18,12 +18,14 @@ const BLOCK: usize = 16;
 const LONGEST: [i32; 2] = [7 << 14, 6 << 14];
 /// The largest step along y, either way: eight pixels then lie between three rows at most.
 const STEEPEST: i32 = (1 << 16) / 8;
-/// Bytes that are loaded from the first pixel of an octet on.
-const LOAD: i64 = 16;
+/// Bytes that are loaded of each row of an octet.
+const LOAD: usize = 16;
+/// Rows that are loaded of an octet at most: four, and one more where it is steep.
+const MOST_ROWS: i64 = 5;
 /// Cells whose octets are found at a time.
 const CHUNK: usize = 32;
 
-/// Draws a row as [`super::row`] does.
+/// Draws a row as [`super::row`] does; `out` is no longer than the cells.
 #[target_feature(enable = "avx2")]
 pub fn row(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
     match (cells.wide, cells.filter) {
@@ -42,24 +44,13 @@ pub fn row(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
 #[inline]
 fn row_of<const BLOCKS: usize, const CUBIC: bool>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
     let mut octets = Octets::<BLOCKS, CUBIC>::new();
-    let count = cells.start[0].len().min(out.len().div_ceil(cells.wide));
+    let count = out.len().div_ceil(cells.wide);
     for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
-        let lines = Lines::of(cells, n..count.min(n + CHUNK));
-        if out.len() == lines.count * cells.wide && lines.fit(plane, cells) {
-            octets.find(plane.stride(), &lines);
-            // SAFETY: `fit` said that every pixel of these cells lies inside the plane, that their lines are as flat as `draw`
-            // needs, and that sixteen bytes from any pixel's leftmost neighbour, up to two rows further down, lie in the
-            // plane's samples.
-            unsafe { octets.draw(plane, &lines, out) };
+        if octets.drawn(plane, cells, &Lines::of(cells, n..count.min(n + CHUNK)), out) {
             continue;
         }
         for (i, out) in out.chunks_mut(cells.wide).enumerate() {
-            let line = Lines::of(cells, n + i..n + i + 1);
-            if out.len() == cells.wide && line.fit(plane, cells) {
-                octets.find(plane.stride(), &line);
-                // SAFETY: as above.
-                unsafe { octets.draw(plane, &line, out) };
-            } else {
+            if !octets.drawn(plane, cells, &Lines::of(cells, n + i..n + i + 1), out) {
                 scalar(plane, cells.line(n + i), cells, out);
             }
         }
@@ -87,7 +78,8 @@ impl Lines {
         lines
     }
 
-    /// Whether they can be drawn by octets.
+    /// Whether every pixel of these cells, with its neighbours, lies inside the plane, their lines are as short and flat as octets
+    /// need, and what [`Octets::find`] computes fits its 32 bits.
     #[target_feature(enable = "avx2")]
     #[inline]
     fn fit(&self, plane: PlaneRef<'_>, cells: Cells<'_>) -> bool {
@@ -109,10 +101,11 @@ impl Lines {
         if !(near(xs) && near(ys) && dxs[0] >= 0 && dxs[1] <= longest && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
             return false;
         }
-        let (low, high) = ([xs[0].min(x_ends[0]), ys[0].min(y_ends[0])], [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])]);
-        let rows = (i64::from(high[1] >> 16) + 2) * plane.stride() as i64;
-        let furthest = rows + i64::from((high[0] + HALF_STEP) >> 16) + LOAD;
-        is_inside(plane, cells.filter, [low, high]) && furthest <= (plane.samples().len() as i64).min(i64::from(i32::MAX))
+        let low = [xs[0].min(x_ends[0]), ys[0].min(y_ends[0])].map(i64::from);
+        let high = [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])].map(i64::from);
+        let rows = ((high[1] >> 16) + MOST_ROWS).saturating_mul(plane.stride() as i64);
+        let furthest = rows.saturating_add(high[0] >> 16).saturating_add(2 * LOAD as i64);
+        is_inside(plane, cells.filter, [low, high]) && furthest < i64::from(i32::MAX)
     }
 }
 
@@ -127,8 +120,42 @@ struct Octets<const BLOCKS: usize, const CUBIC: bool> {
 }
 
 impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
+    /// Rows that are loaded of a block of flat octets; of one with a steep octet, one more.
+    const ROWS: usize = if CUBIC { 4 } else { 2 };
+
     fn new() -> Self {
         Self { at: [[[0; CHUNK]; 2]; BLOCKS], place: [[[0; CHUNK]; 2]; BLOCKS], steep: [[[0; CHUNK]; 2]; BLOCKS] }
+    }
+
+    /// Draws the cells of `lines` into `out`, unless octets cannot: then `out` is as it was, and `false` is returned.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn drawn(&mut self, plane: PlaneRef<'_>, cells: Cells<'_>, lines: &Lines, out: &mut [u8]) -> bool {
+        if out.len() != lines.count * cells.wide || !lines.fit(plane, cells) {
+            return false;
+        }
+        self.find(plane.stride(), lines);
+        if self.furthest(plane.stride()) > plane.samples().len() {
+            return false;
+        }
+        // SAFETY: all that `draw` loads ends at `furthest` at the latest, which lies in the plane's samples.
+        unsafe { self.draw(plane, lines, out) };
+        true
+    }
+
+    /// The end of the furthest of the samples that [`draw`](Self::draw) loads, counted from the plane's first.
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn furthest(&self, stride: usize) -> usize {
+        let mut furthest = 0;
+        for ([first, second], [steep, other]) in self.at.iter().zip(&self.steep) {
+            for i in 0..CHUNK {
+                // one steep octet makes its whole block load a row more; `fit` saw to it that nothing overflows
+                let more = if steep[i] | other[i] == 0 { 0 } else { stride as u32 };
+                furthest = furthest.max(first[i].max(second[i]) + more);
+            }
+        }
+        furthest as usize + (Self::ROWS - 1) * stride + LOAD
     }
 
     /// Finds the octets of lines that [fit](Lines::fit).
@@ -157,7 +184,7 @@ impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
     /// Draws the cells.
     ///
     /// # Safety
-    /// The octets are those of these lines, which [fit](Lines::fit); `out` is as long as their cells.
+    /// The octets are those of these lines, which [fit](Lines::fit); [`furthest`](Self::furthest) lies in the plane's samples.
     #[target_feature(enable = "avx2")]
     #[inline]
     unsafe fn draw(&self, plane: PlaneRef<'_>, lines: &Lines, out: &mut [u8]) {
@@ -174,7 +201,7 @@ impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
                 let places = _mm256_set_m128i(high, low);
                 let x = _mm256_add_epi16(_mm256_shuffle_epi8(places, spread_x), ways[0]);
                 let y = _mm256_add_epi16(_mm256_shuffle_epi8(places, spread_y), ways[1]);
-                // SAFETY: the caller's promise.
+                // SAFETY: `LOAD` bytes, `down` rows below the octet's first; `furthest` counts as many rows as are asked for below.
                 let load = |down: usize| unsafe {
                     let half = |at: u32| _mm_loadu_si128(samples.add(at as usize + down * stride).cast());
                     _mm256_set_m128i(half(second), half(first))

@@ -69,6 +69,13 @@ pub(super) struct Line {
 }
 
 impl Cells<'_> {
+    /// Cells that have all their numbers.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        let of = |values: [&[i32]; 2]| values[0].len().min(values[1].len());
+        of(self.start).min(of(self.step))
+    }
+
     /// The line of cell `i`; no line where there is none.
     #[inline(always)]
     pub(super) fn line(&self, i: usize) -> Line {

@@ -18,6 +18,8 @@ pub const ONE: i32 = 1 << 16;
 /// Columns count in steps of 1/128: half of one, for rounding.
 const HALF_STEP: i32 = ONE / 256;
 
+/// Rows and columns that 16.16 fixed point can tell apart; what a plane has beyond them is not drawn from.
+const LARGEST: usize = 1 << 15;
 /// Points this near to the plane's left or upper edge may be rounded down to beyond it.
 const MARGIN: i32 = 128;
 
@@ -25,11 +27,13 @@ const MARGIN: i32 = 128;
 /// show what the cells say; neighbours outside of it are those at its edge.
 ///
 /// Every eighth pixel of a cell begins a line of its own; its place and its step are rounded down to 1/4096. Columns are then
-/// rounded to 1/128.
+/// rounded to 1/128. What `out` has beyond the cells, or where the plane is empty, stays as it was.
 pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
     if plane.width() == 0 || plane.height() == 0 || cells.wide == 0 {
         return;
     }
+    let len = out.len().min(cells.count().saturating_mul(cells.wide));
+    let out = &mut out[..len];
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
         // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
@@ -40,20 +44,21 @@ pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) 
 }
 
 fn row_scalar(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
-    for (i, out) in out.chunks_mut(cells.wide).enumerate().take(cells.start[0].len()) {
+    for (i, out) in out.chunks_mut(cells.wide).enumerate() {
         scalar(plane, cells.line(i), cells, out);
     }
 }
 
-/// Whether all points within a rectangle (two corners) have all their neighbours in the plane.
+/// Whether all points within a rectangle (two corners, 16.16) have all their neighbours in the plane, and can be written in 16.16.
 #[inline(always)]
-fn is_inside(plane: PlaneRef<'_>, filter: Filter, [low, high]: [[i32; 2]; 2]) -> bool {
-    let reach = filter.reach() * ONE;
-    let limit = |size: usize| ((size as i64 - 1) << 16) - i64::from(reach);
-    low[0] >= MARGIN + reach
-        && low[1] >= MARGIN + reach
-        && i64::from(high[0]) + i64::from(HALF_STEP) < limit(plane.width())
-        && i64::from(high[1]) < limit(plane.height())
+fn is_inside(plane: PlaneRef<'_>, filter: Filter, [low, high]: [[i64; 2]; 2]) -> bool {
+    let (margin, half_step) = (i64::from(MARGIN), i64::from(HALF_STEP));
+    let reach = i64::from(filter.reach() * ONE);
+    let limit = |size: usize| (size.min(LARGEST) as i64 - 1) << 16;
+    low[0] >= margin + reach
+        && low[1] >= margin + reach
+        && high[0] + half_step < limit(plane.width()) - reach
+        && high[1] < limit(plane.height()) - reach
 }
 
 /// The place of a line's pixel `n`.
@@ -81,13 +86,12 @@ fn scalar_of<const N: usize>(
     near: [i32; N],
     blend: impl Fn([[u8; N]; N], i32, i32) -> u8,
 ) {
-    let size = [plane.width() as i32, plane.height() as i32];
+    let size = [plane.width(), plane.height()].map(|size| size.min(LARGEST) as i32);
     let along = |axis: usize, n: usize| place(start[axis], step[axis], n as i32);
-    let last = out.len().saturating_sub(1);
-    let corner = |pick: fn(i32, i32) -> i32| [0, 1].map(|axis| pick(along(axis, 0), along(axis, last)));
-    // so short a step cannot have overflowed on its way
-    let short = step.iter().all(|step| step.abs() < 8 * ONE);
-    if short && is_inside(plane, cells.filter, [corner(i32::min), corner(i32::max)]) {
+    let last = out.len().saturating_sub(1) as i64;
+    let end = |axis: usize| i64::from(start[axis]).saturating_add(i64::from(step[axis]).saturating_mul(last));
+    let corner = |pick: fn(i64, i64) -> i64| [0, 1].map(|axis| pick(start[axis].into(), end(axis)));
+    if is_inside(plane, cells.filter, [corner(i64::min), corner(i64::max)]) {
         let (samples, stride) = (plane.samples(), plane.stride());
         for (n, out) in out.iter_mut().enumerate() {
             let (x, y) = (along(0, n) + HALF_STEP, along(1, n));
