@@ -52,15 +52,47 @@ impl Fault {
     }
 }
 
-/// Every fault of a reading, in the order in which they were written; never empty.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Faults(pub Vec<Fault>);
+/// Faults that are described; of all beyond them there is only a count.
+pub const MOST_SHOWN: usize = 50;
+
+/// What is wrong with settings, in the order in which they were written; never empty once it is an error.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// The first [`MOST_SHOWN`].
+    pub shown: Vec<Fault>,
+    /// How many there are besides.
+    pub more: usize,
+}
+
+impl Faults {
+    /// Adds a fault. Describing one takes time, so `describe` is asked only where it will be shown.
+    pub(super) fn add(&mut self, describe: impl FnOnce() -> Fault) {
+        if self.shown.len() < MOST_SHOWN {
+            self.shown.push(describe());
+        } else {
+            self.more += 1;
+        }
+    }
+
+    /// `settings`, or what is wrong with them.
+    pub(super) fn or<T>(self, settings: T) -> Result<T, Self> {
+        if self.shown.is_empty() { Ok(settings) } else { Err(self) }
+    }
+}
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let count = self.0.len();
-        write!(f, "{count} {} in the configuration:", if count == 1 { "fault" } else { "faults" })?;
-        self.0.iter().try_for_each(|fault| write!(f, "\n  {fault}"))
+        let count = self.shown.len() + self.more;
+        write!(f, "{count} {} in the configuration", if count == 1 { "fault" } else { "faults" })?;
+        if self.more > 0 {
+            write!(f, ", of which these are the first {}", self.shown.len())?;
+        }
+        f.write_str(":")?;
+        self.shown.iter().try_for_each(|fault| write!(f, "\n  {fault}"))?;
+        if self.more > 0 {
+            write!(f, "\n  and {} more", self.more)?;
+        }
+        Ok(())
     }
 }
 

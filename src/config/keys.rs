@@ -375,24 +375,9 @@ pub fn nearest(name: &str) -> Option<&'static Key> {
     if name.len() > 80 {
         return None;
     }
-    let (distance, key) = KEYS.iter().map(|key| (edits(name, key.name), key)).min_by_key(|(distance, _)| *distance)?;
+    let (distance, key) =
+        KEYS.iter().map(|key| (strsim::levenshtein(name, key.name), key)).min_by_key(|(distance, _)| *distance)?;
     if distance <= key.name.len() / 3 { Some(key) } else { same_short() }
-}
-
-/// Letters to insert, delete or exchange to get from `a` to `b` (Levenshtein's distance).
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.chars().enumerate() {
-        let mut diagonal = i;
-        row[0] = i + 1;
-        for (j, to) in b.iter().enumerate() {
-            let exchanged = diagonal + usize::from(from != *to);
-            diagonal = row[j + 1];
-            row[j + 1] = exchanged.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]

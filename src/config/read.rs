@@ -4,41 +4,37 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::key::{Written, quoted};
-use super::{Fault, Origin, Settings, keys};
+use super::{Fault, Faults, Key, Origin, Settings, keys};
 
 /// Longest piece of somebody's input that a message repeats, characters.
 const SHOWN: usize = 60;
 
-/// Takes what the file `name` with content `text` says into `settings`, and what is wrong with it into `faults`, by line.
-pub(super) fn file(name: &str, text: &str, settings: &mut Settings, faults: &mut Vec<Fault>) {
-    let at = |start: usize| Origin::File { name: name.to_owned(), line: line_of(text, start) };
+/// Takes what the file `name` with content `text` says into `settings`, and what is wrong with it into `faults`, by line. Takes a time
+/// that grows with the text's length and no faster.
+pub(super) fn file(name: &str, text: &str, settings: &mut Settings, faults: &mut Faults) {
     let (table, errors) = DeTable::parse_recoverable(text);
-    let mut found: Vec<(usize, Fault)> = Vec::new();
-    for error in errors {
-        let start = error.span().map_or(0, |span| span.start);
-        let what = format!("not valid TOML: {}", error.message().replace('\n', ", "));
-        let advice = "write settings as KEY = VALUE under their [section], text in quotes".to_owned();
-        found.push((start, Fault { origin: at(start), setting: String::new(), what, advice }));
+    let mut found: Vec<(usize, Problem<'_>)> = Vec::new();
+    for error in &errors {
+        found.push((error.span().map_or(0, |span| span.start), Problem::Syntax(error.message())));
     }
     let mut leaves = Vec::new();
     flatten(table.get_ref(), "", text, &mut leaves);
     for leaf in leaves {
         let Leaf { name, written, source, start } = leaf;
-        if let Some((setting, what, advice)) = put(&name, &written, source, settings) {
-            found.push((start, Fault { origin: at(start), setting, what, advice }));
+        if let Some(problem) = put(name, written, source, settings) {
+            found.push((start, problem));
         }
     }
     found.sort_by_key(|(start, _)| *start);
-    faults.extend(found.into_iter().map(|(_, fault)| fault));
+    for (start, problem) in found {
+        faults.add(|| problem.described(Origin::File { name: name.to_owned(), line: line_of(text, start) }));
+    }
 }
 
 /// Takes one `KEY=VALUE` of the command line into `settings`, or what is wrong with it into `faults`.
-pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Vec<Fault>) {
+pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Faults) {
     let Some((name, source)) = argument.split_once('=') else {
-        let what = "no = between key and value".to_owned();
-        let advice = "write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5".to_owned();
-        faults.push(Fault { origin: Origin::Set, setting: shortened(argument), what, advice });
-        return;
+        return faults.add(|| Problem::NoAssignment(argument).described(Origin::Set));
     };
     let (name, source) = (name.trim(), source.trim());
     // What is no TOML value is a word: nobody wants to quote quotes in a shell.
@@ -46,8 +42,8 @@ pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Vec<Faul
         Ok(value) => written(value.get_ref()),
         Err(_) => Written::Text(source.to_owned()),
     };
-    if let Some((setting, what, advice)) = put(name, &written, source, settings) {
-        faults.push(Fault { origin: Origin::Set, setting, what, advice });
+    if let Some(problem) = put(name.to_owned(), written, source, settings) {
+        faults.add(|| problem.described(Origin::Set));
     }
 }
 
@@ -84,27 +80,64 @@ fn written(value: &DeValue<'_>) -> Written {
     }
 }
 
-/// Takes one value; otherwise the setting as written, what is wrong, and what to do.
-fn put(name: &str, value: &Written, source: &str, settings: &mut Settings) -> Option<(String, String, String)> {
-    let setting = format!("{} = {}", shortened(name), shortened(source));
-    let Some(key) = keys::find(name) else {
-        let advice = if keys::KEYS.iter().any(|key| key.section() == name) {
-            format!("{name} is a section: write its keys below a line [{name}], or as {name}.KEY")
-        } else if let Some(near) = keys::nearest(name) {
-            format!("did you mean {}?", near.name)
-        } else {
-            let mut sections: Vec<&str> = keys::KEYS.iter().map(|key| key.section()).collect();
-            sections.dedup();
-            format!("the sections are {}; config/gimbald.toml lists every key", sections.join(", "))
-        };
-        return Some((setting, "no such key".to_owned(), advice));
-    };
-    if key.accept(value, settings) {
-        return None;
+/// Takes one value; otherwise what is wrong with it.
+fn put<'a>(name: String, value: Written, source: &'a str, settings: &mut Settings) -> Option<Problem<'a>> {
+    match keys::find(&name) {
+        None => Some(Problem::NoSuchKey { name, source }),
+        Some(key) if key.accept(&value, settings) => None,
+        Some(key) => Some(Problem::Refused { key, value, source }),
     }
-    let what = format!("expected {}, found {}", key.expected(), described(value));
-    let advice = format!("choose such a value, or leave the key out for the default {}", key.shown(&Settings::default()));
-    Some((setting, what, advice))
+}
+
+/// What is wrong, before it is put into words: most of many faults never are.
+enum Problem<'a> {
+    /// What the TOML parser says.
+    Syntax(&'a str),
+    /// An argument without `=`.
+    NoAssignment(&'a str),
+    /// A name, with the value as written, that is no key's.
+    NoSuchKey { name: String, source: &'a str },
+    /// A value that the key does not accept.
+    Refused { key: &'static Key, value: Written, source: &'a str },
+}
+
+impl Problem<'_> {
+    fn described(self, origin: Origin) -> Fault {
+        let setting = |name: &str, source: &str| format!("{} = {}", shortened(name), shortened(source));
+        let (setting, what, advice) = match self {
+            Self::Syntax(message) => (
+                String::new(),
+                format!("not valid TOML: {}", shortened(&message.replace('\n', ", "))),
+                "write settings as KEY = VALUE under their [section], text in quotes".to_owned(),
+            ),
+            Self::NoAssignment(argument) => (
+                shortened(argument),
+                "no = between key and value".to_owned(),
+                "write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5".to_owned(),
+            ),
+            Self::NoSuchKey { name, source } => (setting(&name, source), "no such key".to_owned(), other_than(&name)),
+            Self::Refused { key, value, source } => {
+                let default = key.shown(&Settings::default());
+                let advice = format!("choose such a value, or leave the key out for the default {default}");
+                let what = format!("expected {}, found {}", key.expected(), described(&value));
+                (setting(key.name, source), what, advice)
+            }
+        };
+        Fault { origin, setting, what, advice }
+    }
+}
+
+/// What to write in place of a name that is no key's.
+fn other_than(name: &str) -> String {
+    if keys::KEYS.iter().any(|key| key.section() == name) {
+        return format!("{name} is a section: write its keys below a line [{name}], or as {name}.KEY");
+    }
+    if let Some(near) = keys::nearest(name) {
+        return format!("did you mean {}?", near.name);
+    }
+    let mut sections: Vec<&str> = keys::KEYS.iter().map(|key| key.section()).collect();
+    sections.dedup();
+    format!("the sections are {}; config/gimbald.toml lists every key", sections.join(", "))
 }
 
 /// A value that was refused, by what it is.

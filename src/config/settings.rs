@@ -176,17 +176,17 @@ impl Settings {
     /// The defaults, then what `file` says (its name, for messages, and its text), then `sets`, each `KEY=VALUE`, in order.
     ///
     /// # Errors
-    /// Every fault found, each with its place.
+    /// The faults found, each with its place.
     pub fn read(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, Faults> {
         let mut settings = Self::default();
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         if let Some((name, text)) = file {
             read::file(name, text, &mut settings, &mut faults);
         }
         for set in sets {
             read::set(set, &mut settings, &mut faults);
         }
-        if faults.is_empty() { Ok(settings) } else { Err(Faults(faults)) }
+        faults.or(settings)
     }
 
     /// Takes one `KEY=VALUE`.
@@ -194,9 +194,9 @@ impl Settings {
     /// # Errors
     /// What is wrong with it; nothing has changed then.
     pub fn set(&mut self, assignment: &str) -> Result<(), Faults> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         read::set(assignment, self, &mut faults);
-        if faults.is_empty() { Ok(()) } else { Err(Faults(faults)) }
+        faults.or(())
     }
 
     /// The keys whose value differs between `self` and `other`.

@@ -79,7 +79,7 @@ impl Desk {
         let mut state = self.state();
         let mut wanted = state.settings.clone();
         wanted.set(assignment).map_err(|faults| {
-            let faults: Vec<String> = faults.0.iter().map(|fault| fault.bare()).collect();
+            let faults: Vec<String> = faults.shown.iter().map(|fault| fault.bare()).collect();
             faults.join("; ")
         })?;
         let stuck: Vec<&str> = wanted.differing(&state.settings).filter(|key| !key.live).map(|key| key.name).collect();

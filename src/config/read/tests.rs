@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::config::{Kind, Settings, keys, shipped_file};
+use crate::config::{Kind, MOST_SHOWN, Origin, Settings, keys, shipped_file};
 use crate::stage::fit::Form;
 use crate::stage::shutter::Known;
 
@@ -50,7 +50,7 @@ fn the_command_line_wins_over_the_file() {
 fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
     let text = "[smooth]\ncutof_hz = 1\ncutoff_hz = 50\n\n[fit]\nform = 3\n[crop]\nzoom = [1]\n[track]\nwindow = 10\n";
     let faults = Settings::read(Some(("g.toml", text)), &["crop.zoom=nan".into(), "nonsense".into()]).unwrap_err();
-    let lines: Vec<String> = faults.0.iter().map(ToString::to_string).collect();
+    let lines: Vec<String> = faults.shown.iter().map(ToString::to_string).collect();
     assert_eq!(
         lines,
         [
@@ -68,6 +68,39 @@ fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
             "--set: nonsense: no = between key and value; write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5",
         ]
     );
+}
+
+#[test]
+fn of_many_faults_the_first_are_described_and_the_rest_counted() {
+    let unknown: String = (0..80_000).map(|n| format!("k{n}.x = 1\n")).collect();
+    let syntax = "= =\n".repeat(80_000);
+    let twice = "[crop]\n".repeat(80_000);
+    let refused = format!("[crop]\nzoom = {}\n", "[".repeat(200_000));
+    for (text, count) in [(&unknown, Some(80_000)), (&syntax, None), (&twice, Some(79_999)), (&refused, None)] {
+        let faults = Settings::read(Some(("g.toml", text)), &[]).unwrap_err();
+        let message = faults.to_string();
+        assert!(faults.shown.len() <= MOST_SHOWN && message.len() < 20_000, "{}: {}", faults.shown.len(), message.len());
+        if let Some(count) = count {
+            assert_eq!((faults.shown.len(), faults.more), (MOST_SHOWN, count - MOST_SHOWN), "{}", &message[..400]);
+            assert!(message.starts_with(&format!("{count} faults in the configuration, of which these are the first 50:\n")));
+            assert!(message.ends_with(&format!("\n  and {} more", count - 50)));
+        }
+        let lines: Vec<usize> = faults.shown.iter().map(|fault| line(&fault.origin)).collect();
+        assert!(lines.is_sorted(), "{lines:?}");
+    }
+    let faults = Settings::read(Some(("g.toml", &unknown)), &["also=1".to_owned()]).unwrap_err();
+    assert_eq!(faults.more, 79_951, "--set is counted too");
+    let first = "g.toml:1: k0.x = 1: no such key; the sections are ";
+    assert!(faults.shown[0].to_string().starts_with(first), "{}", faults.shown[0]);
+    let sets: Vec<String> = (0..20_000).map(|n| format!("smooth.cutof{n}=1")).collect();
+    assert_eq!(Settings::read(None, &sets).unwrap_err().more, 19_950);
+}
+
+fn line(origin: &Origin) -> usize {
+    match origin {
+        Origin::File { line, .. } => *line,
+        Origin::Set => usize::MAX,
+    }
 }
 
 #[test]
@@ -124,7 +157,7 @@ proptest! {
     fn random_bytes_are_settings_or_faults(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
         let text = String::from_utf8_lossy(&bytes);
         if let Err(faults) = Settings::read(Some(("f", &text)), &[text.to_string()]) {
-            prop_assert!(!faults.0.is_empty() && !faults.to_string().is_empty());
+            prop_assert!(!faults.shown.is_empty() && !faults.to_string().is_empty());
         }
     }
 
