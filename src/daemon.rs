@@ -1,9 +1,11 @@
 //! A life: devices, pipeline, READY, watch; the camera goes and comes back; STOPPING, and an end that leaves both devices usable.
 
+mod attended;
 mod audience;
 mod demand;
 mod memory;
 mod pulse;
+mod recovery;
 mod screen;
 
 use std::time::{Duration, Instant};
@@ -11,16 +13,19 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 
 use crate::config::Settings;
-use crate::control::{CameraNow, Desk, Lost, OutputNow, Server, State};
+use crate::control::{CameraNow, Desk, OutputNow, Server, State};
 use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News, find_again};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
 use crate::pipeline::{Params, Totals, run_live};
+use crate::rt::clock::monotonic_ns;
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
+use attended::{Attended, Notes};
 use memory::{Memory, Mode};
-use pulse::{Attended, Pulse, attend};
+use pulse::{Pulse, attend};
+use recovery::{FormatsLeft, Recovery, Step};
 use screen::{SHOW_EVERY, Screen};
 
 /// From the first try again to the slowest.
@@ -100,6 +105,8 @@ pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceEr
             known: None,
             lost: None,
             backoff: Backoff::default(),
+            recovery: Recovery::new(),
+            formats_left: FormatsLeft::default(),
             report: ExitReport::default(),
         };
         let ended = life.live();
@@ -121,20 +128,20 @@ impl Drop for RingAtEnd<'_> {
 
 /// A stream's frames as people say it: what did not happen is left out.
 fn in_words(totals: &Totals) -> String {
-    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, dropped } = *totals;
+    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, dropped, ref unusable } = *totals;
     let mut words = format!("{frames_in} frames in, {frames_out} out");
     for (count, what) in [
         (stabilized, "stabilized"),
         (held, "repeated"),
         (passed_through, "uncorrected"),
-        (damaged, "damaged"),
+        (damaged, "unusable"),
         (dropped, "given up for a newer one"),
     ] {
         if count > 0 {
             words += &format!(", {count} {what}");
         }
     }
-    words
+    unusable.in_words(frames_in).map_or(words.clone(), |why| format!("{words}; {why}"))
 }
 
 /// Why the pipeline does not run.
@@ -166,6 +173,9 @@ struct Life<'a> {
     known: Option<(String, String)>,
     lost: Option<Instant>,
     backoff: Backoff,
+    /// What is done where the camera's frames cannot be used, and the formats that were left for that.
+    recovery: Recovery,
+    formats_left: FormatsLeft,
     report: ExitReport,
 }
 
@@ -253,6 +263,7 @@ impl Life<'_> {
     /// What to ask for: the camera of the settings, and where that name is gone, the one that was open last under its new name.
     fn camera_params(&self) -> CaptureParams {
         let mut params = self.settings.camera.params();
+        params.avoid = self.formats_left.avoided();
         let Some((card, bus)) = &self.known else { return params };
         let device = params.device.trim().to_lowercase();
         let is_number = !device.is_empty() && device.bytes().all(|byte| byte.is_ascii_digit());
@@ -304,29 +315,70 @@ impl Life<'_> {
         let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
         let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
         tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
-        self.pulse.doing(format!("{from} ({mode}) to {to}"), State::Streaming);
+        let what = format!("{from} ({mode}) to {to}");
+        self.pulse.doing(what.clone(), State::Streaming);
         let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
         let params = Params { camera: known, ..self.desk.live.params() };
         self.desk.tally.camera(camera_now(&camera));
         let mut observer = self.pulse;
         let audience = self.settings.output.on_demand.then(|| screen.audience.seats().clone());
-        let mut attended = Attended { camera: &mut camera, pulse: self.pulse, told: Lost::default(), audience, failed: false };
+        let (name, next_best) = (camera.name_and_bus(), camera.next_best());
+        self.recovery.begin(monotonic_ns(), next_best.is_some(), self.formats_left.any(&name));
+        let mut attended = Attended {
+            camera: &mut camera,
+            pulse: self.pulse,
+            what,
+            audience,
+            recovery: &mut self.recovery,
+            notes: Notes::default(),
+            clock: monotonic_ns,
+            failed: false,
+            step: Step::GoOn,
+        };
         let ran = run_live(&mut attended, screen, &params, &self.desk.live, self.stop, &mut observer);
+        let (failed, step) = (attended.failed, attended.step);
         self.desk.tally.no_camera();
-        let failed = attended.failed;
         self.memory.end(&self.pulse.take_calibration());
         drop(camera);
         match ran {
             Ok(totals) => {
                 tracing::info!("the stream ended: {}", in_words(&totals));
+                self.choose_format(step, &name, format.pixel, next_best);
                 Ended::Unwanted
             }
             Err(error) if failed => {
+                self.recovery = Recovery::new();
                 self.lost = Some(Instant::now());
                 self.judge(error)
             }
             Err(error) => Ended::ScreenWaits(error),
         }
+    }
+
+    /// After a stream of the camera of this `name` in the format `pixel` ended for `step`: which formats the next one may have.
+    fn choose_format(&mut self, step: Step, name: &(String, String), pixel: PixelFormat, next_best: Option<PixelFormat>) {
+        if self.recovery.works() {
+            self.formats_left.forget(&name.0, &name.1, pixel);
+        }
+        let why = || {
+            let (frames, reasons) = self.pulse.stream();
+            reasons.in_words(frames).unwrap_or_else(|| "no frame came".into())
+        };
+        match (step, next_best) {
+            (Step::NextFormat, Some(next)) => {
+                let why = why();
+                tracing::warn!(camera = %name.0, "{pixel} gives no usable frame: {next} is tried instead ({why})");
+                self.formats_left.leave(name, pixel, why);
+            }
+            (Step::FirstFormat, _) => {
+                let why = why();
+                tracing::warn!(camera = %name.0, "{pixel} gives no usable frame either: all formats are tried again ({why})");
+                self.formats_left.leave(name, pixel, why);
+                self.formats_left.try_again(name);
+            }
+            _ => self.recovery = Recovery::new(),
+        }
+        self.desk.tally.formats_left(self.formats_left.told());
     }
 
     /// Opens the camera, which may take its time; those who watch get their pictures meanwhile.

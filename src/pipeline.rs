@@ -3,6 +3,7 @@
 //! [`Stabilizer`] has the steps. [`run_inline`] walks them on one thread, for tests and files; [`run_threaded`] on two, for the
 //! service: capture and decoding on one, the rest on the other. Both give the same pictures.
 
+mod decode;
 mod inline;
 mod live;
 mod settings;
@@ -19,6 +20,7 @@ use crate::rt::clock;
 use crate::stage::shutter::{Motion, Pair, Shutter};
 use crate::stage::{crop, detect, fit, presence, pyramid, smooth, track, trust, warp};
 
+pub use decode::{Decoder, Reason, Reasons, Unusable};
 use inline::Capture;
 pub use inline::{Totals, run_inline};
 pub use live::{Counts, Live};
@@ -27,7 +29,8 @@ pub use threaded::{Pace, run_live, run_threaded};
 
 /// Is shown each frame between its drawing and its sending: for traces, reports, counts.
 pub trait Observer {
-    /// `frame` with its whole context, and the picture that was drawn of it.
+    /// `frame` with its whole context, and the picture that was drawn of it. Not called for a frame in whose place the sink sent a
+    /// picture of its own ([`FrameSink::submit_placeholder`]).
     fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>);
 
     /// `frame` was sent; its context now has the times of every stage.
@@ -95,6 +98,9 @@ enum Progress {
 const FRAMES: usize = 10;
 /// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
 const LONGEST_STEP_S: f64 = 0.1;
+/// For this long after the last usable frame its picture is shown in place of unusable ones (nanoseconds); then the sink's own, if it
+/// has one. Most faults are over before, and a picture that stands still for longer passes for one that is live.
+const LONGEST_HELD_NS: i64 = 2_000_000_000;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough. With look-ahead, more by
 /// what it holds.
 const MOST_WAITING: usize = 3;
@@ -349,6 +355,13 @@ impl Stabilizer {
         }
         // a damaged frame shows the last intact one again, from the same place
         let shown = self.slots.iter().take(index + 1).rposition(|slot| slot.frame.intact);
+        let stamp = self.slots[index].frame.stamp;
+        let age_ns = |shown: usize| stamp.time_ns.saturating_sub(self.slots[shown].frame.stamp.time_ns);
+        if shown.is_none_or(|shown| age_ns(shown) > LONGEST_HELD_NS) && sink.submit_placeholder(&stamp)? {
+            observer.sent(&self.slots[index].frame);
+            self.slots[index].progress = Progress::Sent;
+            return Ok(Some(self.slots[index].frame.context.outcome));
+        }
         if let Some(shown) = shown.filter(|&shown| shown != index) {
             let FrameContext { map, crop_use, .. } = self.slots[shown].frame.context;
             let context = &mut self.slots[index].frame.context;

@@ -8,7 +8,7 @@ use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, StreamFormat};
 use gimbald::frame::{Frame, Outcome, PassReason};
 use gimbald::image::PictureRef;
-use gimbald::pipeline::{Counts, Live, Observer, Params, Stabilizer, run_live};
+use gimbald::pipeline::{Counts, Live, Observer, Params, Reason, Stabilizer, run_live};
 use gimbald::rt::stop::Stop;
 use gimbald::stage::shutter::{self, Model, Parameters};
 use gimbald::stage::{crop, smooth};
@@ -170,7 +170,8 @@ fn a_pipeline_that_runs_takes_changes_and_says_what_it_carries() {
     let mut source = OneByOne { script: Script::new(shots), sent: &sent };
     let mut sink = NullSink::new(&source.format());
     let totals = run_live(&mut source, &mut sink, &on, &live, &Stop::default(), &mut changing).unwrap();
-    assert_eq!(live.counts(), Counts { frames_in: FRAMES as u64, damaged: 1, dropped: 0 });
+    let Counts { frames_in, unusable, dropped } = live.counts();
+    assert_eq!((frames_in, unusable[Reason::Marked as usize], unusable.iter().sum::<u64>(), dropped), (FRAMES as u64, 1, 1, 0));
     assert_eq!((totals.frames_in, totals.frames_out), (FRAMES as u64, FRAMES as u64));
     let off: Vec<usize> =
         (0..FRAMES).filter(|&n| changing.outcomes[n] == Outcome::PassedThrough(PassReason::SwitchedOff)).collect();

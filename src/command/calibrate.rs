@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
 use super::record::{positive, synthetic};
-use super::say::say;
+use super::say::{say, warn};
 use super::{Exit, Failure, SettingsArgs};
 use crate::config::Settings;
 use crate::device::v4l2::Capture;
@@ -74,6 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Footage::gather(&mut source, &settings.pipeline, known, &stop, (what, frames))
     };
     let mut footage = look(source, Camera::default(), "looking")?;
+    usable(&input.display().to_string(), recorded, &footage)?;
     let (mut best, mut other) = footage.answers(None);
     if recorded && input.is_file() && !stop.is_set() && footage.frames >= LEAST_FRAMES {
         footage = look(replay::open(&input)?, footage.about(&best.camera), "looking again")?;
@@ -86,6 +87,25 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let name = input.display().to_string();
     say(&found.told(&name, &footage))?;
     found.judged(&name, &footage)
+}
+
+/// Where most frames cannot be used, that is to blame and not the motion; a few are no matter.
+///
+/// # Errors
+/// What is wrong with the frames.
+fn usable(name: &str, recorded: bool, footage: &Footage) -> Result<(), Failure> {
+    let Some(why) = footage.unusable.in_words(footage.frames) else { return Ok(()) };
+    let usable = footage.frames.saturating_sub(footage.unusable.total());
+    if usable >= LEAST_FRAMES && 2 * usable >= footage.frames {
+        warn(&format!("{name}: {why}; what was found comes from the others"));
+        return Ok(());
+    }
+    let (exit, what) = if recorded {
+        (Exit::BadData, "there is nothing to calibrate from")
+    } else {
+        (Exit::Unavailable, "try another camera.format, another cable or another socket")
+    };
+    Err(Failure::new(exit, format!("{name}: {why}; {what}")))
 }
 
 /// Whether `input` is a file or pipe of recorded frames; everything else is a camera.

@@ -10,7 +10,8 @@ use super::{Exit, Failure};
 use crate::config::{Settings, key_table, keys, shipped_file};
 use crate::device::{DeviceError, FrameSource, Lent, replay};
 use crate::frame::FrameFlags;
-use crate::image::PixelFormat;
+use crate::image::{Picture, PixelFormat};
+use crate::pipeline::{Decoder, Reasons};
 
 /// Arguments of `check`.
 #[derive(Clone, Debug, clap::Args)]
@@ -76,7 +77,9 @@ fn configuration(path: &Path) -> Result<String, Failure> {
 #[derive(Debug, Default, PartialEq)]
 struct Found {
     frames: u64,
-    damaged: u64,
+    /// Frames that cannot be used.
+    unusable: Reasons,
+    /// Frames that are marked as shorter than they should be, and can be used.
     truncated: u64,
     /// Frames that the camera counted but did not give.
     missing: u64,
@@ -95,18 +98,18 @@ fn stream(path: &Path) -> Result<(), Failure> {
     let ended = read_through(source.as_mut(), &mut found);
     say(&told(path, source.as_ref(), &found))?;
     ended?;
-    if found.damaged + found.truncated > 0 {
-        let what = format!(
-            "{}: {} frames are damaged; replay shows the picture before each again",
-            path.display(),
-            found.damaged + found.truncated
-        );
-        return Err(Failure::new(Exit::BadData, what));
-    }
-    Ok(())
+    let what = match found.unusable.in_words(found.frames) {
+        Some(_) if found.unusable.total() == found.frames => "no frame can be used; replay can show nothing of it".to_owned(),
+        Some(why) => format!("{why}; replay shows the picture before each again"),
+        None if found.truncated > 0 => format!("{} frames are shorter than they should be", found.truncated),
+        None => return Ok(()),
+    };
+    Err(Failure::new(Exit::BadData, format!("{}: {what}", path.display())))
 }
 
+/// Reads every frame and decodes it, as replay would.
 fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), DeviceError> {
+    let (mut decoder, mut picture) = (Decoder::default(), Picture::default());
     loop {
         let frame = match source.lend()? {
             Lent::Frame(frame) => frame,
@@ -127,8 +130,10 @@ fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), D
             found.disordered += u64::from(stamp.time_ns <= found.last_ns);
         }
         (found.last_ns, found.last_sequence) = (stamp.time_ns, stamp.sequence);
-        found.damaged += u64::from(stamp.flags.contains(FrameFlags::ERROR));
-        found.truncated += u64::from(stamp.flags.contains(FrameFlags::TRUNCATED) && !stamp.flags.contains(FrameFlags::ERROR));
+        match decoder.decode(&frame, &mut picture) {
+            Ok(()) => found.truncated += u64::from(stamp.flags.contains(FrameFlags::TRUNCATED)),
+            Err(why) => found.unusable.add(&why),
+        }
         found.frames += 1;
     }
 }
@@ -146,8 +151,10 @@ fn told(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
         if sizes.is_empty() { "no size".to_owned() } else { sizes.join(", then ") },
         source.format().rate()
     );
+    if let Some(why) = found.unusable.in_words(found.frames) {
+        text += &format!("  {why}\n");
+    }
     for (count, what) in [
-        (found.damaged, "damaged"),
         (found.truncated, "shorter than they should be"),
         (found.missing, "missing: the camera counted them but did not give them"),
         (found.disordered, "not later than the frame before"),

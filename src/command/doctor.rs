@@ -56,6 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
     findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
     findings.push(daemon);
+    findings.extend(status.iter().flat_map(service::frames));
     if args.json {
         let text = serde_json::to_string_pretty(&findings);
         say(&(text.map_err(|error| Failure::new(Exit::Io, format!("cannot write JSON: {error}")))? + "\n"))?;

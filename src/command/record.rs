@@ -6,16 +6,23 @@ use std::time::Duration;
 use super::interrupt::stop_on_signal;
 use super::place::RECORDING;
 use super::progress::Progress;
+use super::say::warn;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::recording::RecordingWriter;
 use crate::device::synthetic::{self, Synthetic};
 use crate::device::v4l2::Capture;
-use crate::device::{FrameSource, Lent};
+use crate::device::{FrameSource, Lent, RawFrame};
+use crate::frame::FrameFlags;
+use crate::image::Picture;
+use crate::pipeline::{Decoder, Reasons};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 
 /// A camera that gave nothing for this long will not.
 pub(super) const PATIENCE: Duration = Duration::from_secs(15);
+
+/// A frame is decoded this often, by the frames' own clock (nanoseconds).
+const TRY_EVERY_NS: i64 = 1_000_000_000;
 
 /// Arguments of `record`.
 #[derive(Clone, Debug, clap::Args)]
@@ -67,6 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut writer = RecordingWriter::create(&args.output, &source.format(), &camera.device)?;
     let progress = Progress::new("recording", args.frames);
     let (mut first_ns, mut frames, mut last_came_ns) = (None, 0u64, monotonic_ns());
+    let mut tried = Tried::default();
     let ended = loop {
         if stop.is_set() {
             break Ok(());
@@ -94,6 +102,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         if let Err(error) = writer.write_raw(&frame) {
             break Err(error.into());
         }
+        tried.look(&frame);
         frames += 1;
         progress.step();
         if args.frames == Some(frames) {
@@ -103,7 +112,45 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     progress.finish();
     ended.and(writer.finish().map_err(Failure::from))?;
     tell(&args.output, source.as_ref(), frames);
+    tried.tell(&args.output);
     Ok(())
+}
+
+/// Decodes a few of the frames that are recorded, so that nobody carries home a recording of which nothing can be shown. Not all: on
+/// a slow machine that would cost frames.
+#[derive(Default)]
+struct Tried {
+    decoder: Decoder,
+    picture: Picture,
+    next_ns: Option<i64>,
+    frames: u64,
+    unusable: Reasons,
+}
+
+impl Tried {
+    /// Looks at about one frame a second; at those without bytes or marked as damaged, which cost nothing, always.
+    fn look(&mut self, frame: &RawFrame<'_>) {
+        let now_ns = frame.stamp.time_ns;
+        let is_free = frame.bytes.is_empty() || frame.stamp.flags.contains(FrameFlags::ERROR);
+        // A clock that runs back begins again.
+        if !is_free && self.next_ns.is_some_and(|next_ns| (next_ns - TRY_EVERY_NS..next_ns).contains(&now_ns)) {
+            return;
+        }
+        if !is_free {
+            self.next_ns = Some(now_ns.saturating_add(TRY_EVERY_NS));
+        }
+        self.frames += 1;
+        if let Err(why) = self.decoder.decode(frame, &mut self.picture) {
+            self.unusable.add(&why);
+        }
+    }
+
+    fn tell(&self, path: &Path) {
+        if let Some(why) = self.unusable.in_words(self.frames) {
+            let path = path.display();
+            warn(&format!("{path}: of those that were tried, {why}; gimbald check {path} tries all"));
+        }
+    }
 }
 
 /// A camera of arithmetic, endless.

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
 use super::place::{ReportFile, all_differ, open_sink};
+use super::say::warn;
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::null::NullSink;
 use crate::device::{FrameSink, replay};
-use crate::pipeline::run_inline;
+use crate::pipeline::{Totals, run_inline};
 use crate::report::{Compare, Report, compare_format};
 
 /// Arguments of `replay`.
@@ -75,5 +76,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = format!("interrupted after {} frames; what was written holds these", totals.frames_out);
         return Err(Failure::new(Exit::Interrupted, what));
     }
-    Ok(())
+    judged(&args.input, &args.output, &totals)
+}
+
+/// Says what could not be shown.
+///
+/// # Errors
+/// Where that is all of it.
+fn judged(input: &Path, output: &Path, totals: &Totals) -> Result<(), Failure> {
+    let Some(why) = totals.unusable.in_words(totals.frames_in) else { return Ok(()) };
+    let input = input.display();
+    if totals.damaged < totals.frames_in {
+        warn(&format!("{input}: {why}; in place of each the picture before was shown again"));
+        return Ok(());
+    }
+    let what = format!("{input}: {why}; nothing could be shown, {} holds black pictures", output.display());
+    Err(Failure::new(Exit::BadData, what))
 }

@@ -1,4 +1,4 @@
-//! Words on standard output.
+//! Words on standard output, and warnings on standard error.
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -11,6 +11,12 @@ use super::Failure;
 /// Where standard output cannot be written otherwise.
 pub(super) fn say(text: &str) -> Result<(), Failure> {
     told(write(&mut io::stdout().lock(), text))
+}
+
+/// Writes a warning on standard error: the command goes on, or ends well.
+#[expect(clippy::print_stderr, reason = "the one place where the user is warned")]
+pub(super) fn warn(text: &str) {
+    eprintln!("gimbald: warning: {text}");
 }
 
 fn write(to: &mut dyn Write, text: &str) -> io::Result<()> {

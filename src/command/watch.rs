@@ -62,7 +62,7 @@ impl Watch {
     /// The run's failure, or the first that occurred in watching it.
     pub(super) fn end(self, ran: Result<Totals, DeviceError>) -> Result<Totals, Failure> {
         self.progress.finish();
-        let totals = *ran.as_ref().unwrap_or(&self.stats.seen());
+        let totals = ran.as_ref().map_or_else(|_| self.stats.seen().clone(), Clone::clone);
         let traced = self.trace.map_or(Ok(()), |(trace, path)| trace.finish().map_err(|error| Failure::writing(&path, &error)));
         let compared = self.compare.map_or(Ok(()), |compare| compare.finish().map_err(Failure::from));
         let timed = match self.stats_file {

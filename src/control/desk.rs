@@ -5,9 +5,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Status, Tally};
+use super::{Status, Tally, Unusable};
 use crate::config::{Settings, keys};
-use crate::pipeline::Live;
+use crate::pipeline::{Live, Reason};
 use crate::systemd::Systemd;
 
 /// Reads the configuration anew; the error says what is wrong with it.
@@ -132,7 +132,16 @@ impl Desk {
         self.tally.tell(&mut status);
         let counts = self.live.counts();
         status.frames.captured = counts.frames_in;
-        (status.drops.damaged, status.drops.behind) = (counts.damaged, counts.dropped);
+        (status.drops.damaged, status.drops.behind) = (counts.damaged(), counts.dropped);
+        let counted = Reason::ALL.into_iter().zip(counts.unusable).filter(|(_, count)| *count > 0);
+        status.unusable_frames = counted.map(|(reason, count)| (reason.name().to_owned(), count)).collect();
+        let (of, reasons) = self.live.stream();
+        status.unusable = reasons.main().zip(reasons.in_words(of)).map(|(reason, what)| Unusable {
+            frames: reasons.total(),
+            of,
+            reason: reason.name().to_owned(),
+            what,
+        });
         let state = self.state();
         status.enabled = state.settings.pipeline.enabled;
         status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&state.settings))).collect();

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::tally::{AGE_BOUNDS_MS, State, Tally};
 use super::{Drops, Found, Frames, Status};
+use crate::pipeline::Reason;
 
 /// The media type of the text.
 pub(super) const MEDIA_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
@@ -25,6 +26,11 @@ impl Text {
     fn gauge(&mut self, name: &str, help: &str, value: f64) {
         self.family(name, "gauge", help);
         self.value(name, &[], value);
+    }
+
+    fn count(&mut self, name: &str, help: &str, count: u64) {
+        self.family(name, "counter", help);
+        self.value(name, &[], count as f64);
     }
 
     /// A count for each value of one label.
@@ -62,15 +68,17 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     }
     text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
     let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;
-    text.family("captured_frames_total", "counter", "Frames that cameras gave.");
-    text.value("captured_frames_total", &[], captured as f64);
+    text.count("captured_frames_total", "Frames that cameras gave.", captured);
     let outcomes = [("stabilized", stabilized), ("repeated", held), ("uncorrected", passed_through)];
     text.counts("sent_frames_total", "Frames sent, by what became of them.", "outcome", &outcomes);
-    let Drops { camera_missing, camera_stale, damaged, behind } = status.drops;
+    let Drops { camera_missing, camera_stale, damaged, behind, failed_transfers, restarts } = status.drops;
     let causes = [("camera_missing", camera_missing), ("camera_stale", camera_stale), ("damaged", damaged), ("behind", behind)];
     text.counts("lost_frames_total", "Frames that were not shown as they should have been, by cause.", "cause", &causes);
-    text.family("cameras_opened_total", "counter", "Times a camera was opened.");
-    text.value("cameras_opened_total", &[], status.cameras_opened as f64);
+    let reasons = Reason::ALL.map(Reason::name).map(|name| (name, status.unusable_frames.get(name).copied().unwrap_or(0)));
+    text.counts("unusable_frames_total", "Frames that could not be used, by reason.", "reason", &reasons);
+    text.count("failed_transfers_total", "Transfers from cameras that failed.", failed_transfers);
+    text.count("stream_restarts_total", "Times a camera's stream was stopped and started because it failed.", restarts);
+    text.count("cameras_opened_total", "Times a camera was opened.", status.cameras_opened);
     text.family("latency_seconds", "histogram", "Age of frames when they were sent.");
     let (ages, sum_s) = tally.ages();
     let mut below = 0;
@@ -115,6 +123,7 @@ mod tests {
         tally.camera(CameraNow { name: "a \"b\"\\\nc".into(), ..CameraNow::default() });
         let mut status = Status::default();
         tally.tell(&mut status);
+        status.unusable_frames.insert("damaged".into(), 7);
         let text = text(&status, &tally);
         let mut family = "";
         for line in text.lines() {
@@ -133,6 +142,9 @@ mod tests {
             "camera_name=\"a \\\"b\\\"\\\\\\nc\"",
             "gimbald_state{state=\"starting\"} 1\n",
             "gimbald_state{state=\"idle\"} 0\n",
+            "gimbald_unusable_frames_total{reason=\"damaged\"} 7\n",
+            "gimbald_unusable_frames_total{reason=\"empty\"} 0\n",
+            "gimbald_failed_transfers_total 0\n",
         ] {
             assert!(text.contains(line), "{line} in\n{text}");
         }

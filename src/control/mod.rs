@@ -32,5 +32,5 @@ pub use desk::{Applied, Desk, Reread};
 pub use request::LONGEST_REQUEST;
 pub use server::{Rules, Server};
 pub use socket::{Place, default_paths};
-pub use status::{CameraNow, Drops, Found, Frames, OutputNow, Spread, Status};
+pub use status::{CameraNow, Drops, FormatLeft, Found, Frames, OutputNow, Spread, Status, Unusable};
 pub use tally::{Lost, State, Tally};

@@ -45,6 +45,13 @@ pub struct Status {
     pub frames: Frames,
     /// Frames that were not shown as they should have been, since the daemon began.
     pub drops: Drops,
+    /// Frames of these that could not be used, by the names of [`crate::pipeline::Reason`], since the daemon began; only reasons that
+    /// occurred.
+    pub unusable_frames: BTreeMap<String, u64>,
+    /// Why, for the present stream or, where the camera is closed, the last one; `None` where all its frames could be used.
+    pub unusable: Option<Unusable>,
+    /// Formats of cameras that gave no usable frame and were left for another, since the daemon began.
+    pub formats_left: Vec<FormatLeft>,
     /// Times a camera was opened.
     pub cameras_opened: u64,
     /// Share of the crop window that corrections used, of late (0 to 1).
@@ -134,10 +141,41 @@ pub struct Drops {
     pub camera_missing: u64,
     /// The camera had a newer one when they were asked for.
     pub camera_stale: u64,
-    /// Their data was damaged.
+    /// They could not be used; [`Status::unusable_frames`] has them by reason.
     pub damaged: u64,
     /// A newer one was there before they could be worked on.
     pub behind: u64,
+    /// Not frames, but transfers from the camera that failed: the driver gave all its buffers back empty. What frames were lost by
+    /// one is not known.
+    pub failed_transfers: u64,
+    /// Not frames, but times a stream was stopped and started because it failed, gave nothing or nothing usable.
+    pub restarts: u64,
+}
+
+/// Frames of a stream that could not be used.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct Unusable {
+    /// So many ...
+    pub frames: u64,
+    /// ... of so many.
+    pub of: u64,
+    /// The most frequent reason, one of the names of [`crate::pipeline::Reason`].
+    pub reason: String,
+    /// All of it in words.
+    pub what: String,
+}
+
+/// A format of a camera that gave no usable frame.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct FormatLeft {
+    /// The camera's name.
+    pub camera: String,
+    /// Its pixel format.
+    pub format: String,
+    /// Why, in words.
+    pub what: String,
 }
 
 /// What was found out about the camera; a deviation of 0 was given.
@@ -210,19 +248,27 @@ impl fmt::Display for Status {
         let Frames { captured, sent, stabilized, held, passed_through } = self.frames;
         line("frames", &format!("{captured} from the camera, {sent} sent"))?;
         line("  of them", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
-        let Drops { camera_missing, camera_stale, damaged, behind } = self.drops;
+        let Drops { camera_missing, camera_stale, damaged, behind, failed_transfers, restarts } = self.drops;
         let mut lost = String::new();
         for (count, why) in [
             (camera_missing, "missing from the camera"),
             (camera_stale, "stale at the camera"),
             (damaged, "damaged"),
             (behind, "given up for a newer one"),
+            (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
+            (restarts, if restarts == 1 { "restart of the stream" } else { "restarts of the stream" }),
         ] {
             if count > 0 {
                 let _ = write!(lost, "{}{count} {why}", if lost.is_empty() { "" } else { ", " });
             }
         }
         line("lost", if lost.is_empty() { "none" } else { &lost })?;
+        if let Some(unusable) = &self.unusable {
+            line("unusable", &unusable.what)?;
+        }
+        for FormatLeft { camera, format, what } in &self.formats_left {
+            line("not used", &format!("{format} of {camera}: {what}"))?;
+        }
         if let Some(Spread { p50, max, .. }) = self.crop_use {
             line("crop window", &format!("{:.0} % used in the median, {:.0} % at most", 100.0 * p50, 100.0 * max))?;
         }
@@ -260,7 +306,14 @@ mod tests {
             since_s: 3725.0,
             camera: Some(CameraNow { name: "Evil\u{1b}[2J\nname".into(), ..CameraNow::default() }),
             latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
-            drops: Drops { behind: 3, damaged: 1, ..Drops::default() },
+            drops: Drops { behind: 3, damaged: 1, failed_transfers: 1, ..Drops::default() },
+            unusable: Some(Unusable {
+                frames: 1,
+                of: 9,
+                what: "1 of 9 frames cannot be decoded: x\u{1b}".into(),
+                ..Unusable::default()
+            }),
+            formats_left: vec![FormatLeft { camera: "C".into(), format: "MJPG".into(), what: "nothing came".into() }],
             restart: vec!["camera.device".into()],
             watched: Some(true),
             watchers: Some(1),
@@ -272,7 +325,9 @@ mod tests {
             "streaming for 1 h 2 min; switched off",
             "Evil [2J name",
             "99 % below 18.5 ms",
-            "1 damaged, 3 given up",
+            "1 damaged, 3 given up for a newer one, 1 failed transfer\n",
+            "unusable       1 of 9 frames cannot be decoded: x \n",
+            "not used       MJPG of C: nothing came\n",
             "camera.device",
             "by one program; open in zoom (12)",
         ] {

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::status::{CameraNow, OutputNow, Spread};
+use super::status::{CameraNow, FormatLeft, OutputNow, Spread};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
 use crate::rt::clock::monotonic_ns;
@@ -51,13 +51,17 @@ const NEWS: f64 = 0.05;
 /// The rate counts as nothing when no frame came for so many of its intervals, and at least this long (seconds).
 const SILENCE: (f64, f64) = (4.0, 1.0);
 
-/// Frames that a camera lost, by cause; since it was opened.
+/// What went wrong between a camera and its driver, since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lost {
-    /// The driver counted them but did not give them.
+    /// Frames that the driver counted but did not give.
     pub missing: u64,
-    /// A newer one was there.
+    /// Frames that were skipped because a newer one was there.
     pub stale: u64,
+    /// Transfers that failed.
+    pub failed_transfers: u64,
+    /// Times the stream was stopped and started.
+    pub restarts: u64,
 }
 
 /// The counts of a daemon's life.
@@ -70,6 +74,8 @@ pub struct Tally {
     passed_through: AtomicU64,
     missing: AtomicU64,
     stale: AtomicU64,
+    failed_transfers: AtomicU64,
+    restarts: AtomicU64,
     cameras: AtomicU64,
     /// Frames' ages when they were sent: how many within each bound, and their sum (ns).
     ages: [AtomicU64; AGE_BOUNDS_MS.len() + 1],
@@ -95,6 +101,7 @@ struct Now {
     since: Instant,
     camera: Option<CameraNow>,
     output: Option<OutputNow>,
+    formats_left: Vec<FormatLeft>,
     /// Says whether somebody watches.
     watchers: Option<Box<dyn Fn() -> u32 + Send>>,
 }
@@ -136,7 +143,15 @@ impl Recent {
 impl Default for Tally {
     fn default() -> Self {
         let born = Instant::now();
-        let now = Now { state: State::default(), what: String::new(), since: born, camera: None, output: None, watchers: None };
+        let now = Now {
+            state: State::default(),
+            what: String::new(),
+            since: born,
+            camera: None,
+            output: None,
+            formats_left: Vec::new(),
+            watchers: None,
+        };
         Self {
             born,
             sent: AtomicU64::new(0),
@@ -145,6 +160,8 @@ impl Default for Tally {
             passed_through: AtomicU64::new(0),
             missing: AtomicU64::new(0),
             stale: AtomicU64::new(0),
+            failed_transfers: AtomicU64::new(0),
+            restarts: AtomicU64::new(0),
             cameras: AtomicU64::new(0),
             ages: Default::default(),
             age_sum_ns: AtomicU64::new(0),
@@ -202,6 +219,8 @@ impl Tally {
         if now != *told {
             self.missing.fetch_add(now.missing.saturating_sub(told.missing), Relaxed);
             self.stale.fetch_add(now.stale.saturating_sub(told.stale), Relaxed);
+            self.failed_transfers.fetch_add(now.failed_transfers.saturating_sub(told.failed_transfers), Relaxed);
+            self.restarts.fetch_add(now.restarts.saturating_sub(told.restarts), Relaxed);
             *told = now;
         }
     }
@@ -225,6 +244,11 @@ impl Tally {
     pub fn no_camera(&self) {
         self.now().camera = None;
         self.calibration.iter().for_each(|kept| store(kept, 0.0));
+    }
+
+    /// Formats that were left for another because they gave no usable frame.
+    pub fn formats_left(&self, formats: Vec<FormatLeft>) {
+        self.now().formats_left = formats;
     }
 
     /// The loopback was opened; `watchers` says how many watch it.
@@ -252,6 +276,11 @@ impl Tally {
             status.what.clone_from(&now.what);
             status.since_s = now.since.elapsed().as_secs_f64();
             (status.camera, status.output) = (now.camera.clone(), now.output.clone());
+            // One that is tried again is not left while it is.
+            let is_used = |left: &FormatLeft| {
+                now.camera.as_ref().is_some_and(|camera| camera.name == left.camera && camera.format == left.format)
+            };
+            status.formats_left = now.formats_left.iter().filter(|left| !is_used(left)).cloned().collect();
             status.watchers = now.watchers.as_ref().map(|watchers| watchers());
             status.watched = status.watchers.map(|count| count > 0);
         }
@@ -263,7 +292,9 @@ impl Tally {
         let frames = &mut status.frames;
         (frames.sent, frames.stabilized) = (of(&self.sent), of(&self.stabilized));
         (frames.held, frames.passed_through) = (of(&self.held), of(&self.passed_through));
-        (status.drops.camera_missing, status.drops.camera_stale) = (of(&self.missing), of(&self.stale));
+        let drops = &mut status.drops;
+        (drops.camera_missing, drops.camera_stale) = (of(&self.missing), of(&self.stale));
+        (drops.failed_transfers, drops.restarts) = (of(&self.failed_transfers), of(&self.restarts));
         status.cameras_opened = of(&self.cameras);
         (status.inliers, status.tracks) = (of(&self.inliers), of(&self.tracks));
         (status.confidence, status.trust) = (load(&self.confidence), load(&self.trust));
@@ -356,12 +387,14 @@ mod tests {
         let tally = Tally::default();
         for _ in 0..2 {
             let mut told = Lost::default();
-            tally.lost(Lost { missing: 3, stale: 0 }, &mut told);
-            tally.lost(Lost { missing: 3, stale: 0 }, &mut told);
-            tally.lost(Lost { missing: 5, stale: 1 }, &mut told);
+            let three = Lost { missing: 3, ..Lost::default() };
+            tally.lost(three, &mut told);
+            tally.lost(three, &mut told);
+            tally.lost(Lost { missing: 5, stale: 1, failed_transfers: 2, restarts: 3 }, &mut told);
         }
         let drops = told(&tally).drops;
         assert_eq!((drops.camera_missing, drops.camera_stale), (10, 2));
+        assert_eq!((drops.failed_transfers, drops.restarts), (4, 6));
     }
 
     #[test]

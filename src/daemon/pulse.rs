@@ -5,17 +5,14 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 use crate::control::{Desk, Lost, State};
-use crate::device::v4l2::Capture;
-use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
 use crate::image::PictureRef;
-use crate::pipeline::Observer;
+use crate::pipeline::{Observer, Reasons};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 
-use super::audience::Seats;
 use super::memory::Memory;
 
 /// How often the status line is told anew, at most.
@@ -109,12 +106,28 @@ impl<'a> Pulse<'a> {
         self.calibration.iter().zip(numbers).for_each(|(kept, number)| kept.store(number.to_bits(), Relaxed));
     }
 
-    fn frame_lent(&self) {
-        self.lent_ns.store(monotonic_ns(), Relaxed);
+    /// The camera gave a frame at `now_ns`.
+    pub(super) fn frame_lent(&self, now_ns: i64) {
+        self.lent_ns.store(now_ns, Relaxed);
+    }
+
+    /// What the camera lost since it was opened; `told` as [`crate::control::Tally::lost`].
+    pub(super) fn lost(&self, now: Lost, told: &mut Lost) {
+        self.desk.tally.lost(now, told);
+    }
+
+    /// Frames of the present stream, and how many of them could not be used.
+    pub(super) fn stream_counts(&self) -> (u64, u64) {
+        self.desk.live.stream_counts()
+    }
+
+    /// The same with the reasons.
+    pub(super) fn stream(&self) -> (u64, Reasons) {
+        self.desk.live.stream()
     }
 
     /// The camera gives nothing. That is life only if what it gave before has been sent.
-    fn camera_idle(&self) {
+    pub(super) fn camera_idle(&self) {
         if self.sent_ns.load(Relaxed) >= self.lent_ns.load(Relaxed).saturating_sub(LATE_NS) {
             self.beat();
         }
@@ -165,46 +178,6 @@ pub(super) fn attend(pulse: &Pulse<'_>, memory: &Memory, done: &Wake) {
     }
 }
 
-/// A camera whose frames and silences leave their mark in a [`Pulse`].
-pub(super) struct Attended<'a> {
-    pub(super) camera: &'a mut Capture,
-    pub(super) pulse: &'a Pulse<'a>,
-    /// What the camera said it lost, as far as it was told.
-    pub(super) told: Lost,
-    /// Those who want it, where nobody else does.
-    pub(super) audience: Option<Seats>,
-    /// Whether it was the camera that ended the run.
-    pub(super) failed: bool,
-}
-
-impl FrameSource for Attended<'_> {
-    fn format(&self) -> StreamFormat {
-        self.camera.format()
-    }
-
-    fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
-        let counts = self.camera.counts();
-        self.pulse.desk.tally.lost(Lost { missing: counts.missing, stale: counts.dropped }, &mut self.told);
-        if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
-            return Ok(Lent::End);
-        }
-        match self.camera.lend() {
-            Ok(Lent::Idle) => {
-                self.pulse.camera_idle();
-                Ok(Lent::Idle)
-            }
-            Ok(lent) => {
-                self.pulse.frame_lent();
-                Ok(lent)
-            }
-            Err(error) => {
-                self.failed = true;
-                Err(error)
-            }
-        }
-    }
-}
-
 /// Marks each frame that was sent.
 impl Observer for &Pulse<'_> {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
@@ -232,7 +205,7 @@ mod tests {
         pulse.beat_ns.store(0, Relaxed);
         pulse.camera_idle();
         assert_ne!(pulse.beat_ns.load(Relaxed), 0, "nothing was ever lent");
-        pulse.frame_lent();
+        pulse.frame_lent(monotonic_ns());
         pulse.beat_ns.store(0, Relaxed);
         pulse.camera_idle();
         assert_eq!(pulse.beat_ns.load(Relaxed), 0, "what was lent is stuck");

@@ -98,6 +98,10 @@ impl FrameSink for Screen {
         self.loopback.submit(stamp)
     }
 
+    fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
+        self.show_placeholder().map(|()| true)
+    }
+
     fn idle(&mut self) -> Result<(), DeviceError> {
         if monotonic_ns().saturating_sub(self.live_ns) < BRIDGE_NS { self.loopback.repeat() } else { self.show_placeholder() }
     }

@@ -154,6 +154,17 @@ pub trait FrameSink: Send {
     /// [`DeviceError`] where the device is gone or the disk full.
     fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError>;
 
+    /// Sends a picture of the sink's own, as of `stamp`, where there is none of the source's that could be shown: a stream that has
+    /// given no usable frame, or none for a while. `false`, without having sent anything, where the sink has none; the caller then
+    /// draws.
+    ///
+    /// # Errors
+    /// As [`FrameSink::submit`].
+    fn submit_placeholder(&mut self, stamp: &Stamp) -> Result<bool, DeviceError> {
+        let _ = stamp;
+        Ok(false)
+    }
+
     /// Called from time to time while there is nothing to send: for sinks whose readers give up a picture that stands still.
     ///
     /// # Errors

@@ -1,13 +1,13 @@
 //! The journey on one thread, and what came of it.
 
+use super::decode::{Decoder, Reasons, Unusable};
 use super::{Observer, Params, Stabilizer};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame};
-use crate::frame::{Frame, FrameFlags, Outcome, Stage};
+use crate::frame::{Frame, Outcome, Stage};
 use crate::rt::{clock, stop::Stop};
-use crate::stage::unpack;
 
 /// What came of a whole run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Totals {
     /// Frames the source gave.
     pub frames_in: u64,
@@ -19,10 +19,12 @@ pub struct Totals {
     pub held: u64,
     /// Of these, shown uncorrected.
     pub passed_through: u64,
-    /// Frames whose data was damaged.
+    /// Frames that could not be used.
     pub damaged: u64,
     /// Frames given up because a newer one was there (live only).
     pub dropped: u64,
+    /// Why frames could not be used.
+    pub unusable: Reasons,
 }
 
 /// Carries every frame of `source` to `sink` on the caller's thread. Ends when the source ends or `stop` is set.
@@ -45,7 +47,7 @@ pub fn run_inline(
             break Ok(());
         }
         let mut frame: Box<Frame> = pool.pop().unwrap_or_else(|| stabilizer.empty_frame());
-        match source.lend() {
+        let filled = match source.lend() {
             Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
             Ok(Lent::Idle) => {
                 pool.push(frame);
@@ -53,8 +55,8 @@ pub fn run_inline(
             }
             Ok(Lent::End) => break Ok(()),
             Err(error) => break Err(error),
-        }
-        totals.count_in(&frame);
+        };
+        totals.count_in(&filled);
         stabilizer.take_in(frame);
         totals.emit_all(&mut stabilizer, sink, observer, |frame| pool.push(frame))?;
     };
@@ -65,9 +67,12 @@ pub fn run_inline(
 }
 
 impl Totals {
-    pub(super) fn count_in(&mut self, frame: &Frame) {
+    pub(super) fn count_in(&mut self, filled: &Result<(), Unusable>) {
         self.frames_in += 1;
-        self.damaged += u64::from(!frame.intact);
+        if let Err(why) = filled {
+            self.damaged += 1;
+            self.unusable.add(why);
+        }
     }
 
     /// Sends all that is ready and gives back what is not needed any more.
@@ -95,16 +100,19 @@ impl Totals {
 
 /// The first step: raw bytes into a frame.
 #[derive(Debug, Default)]
-pub(super) struct Capture(unpack::Unpack);
+pub(super) struct Capture(Decoder);
 
 impl Capture {
-    /// Fills `frame`; a frame whose data is damaged is not intact, and that is all.
-    pub(super) fn fill(&mut self, raw: &RawFrame<'_>, frame: &mut Frame) {
+    /// Fills `frame`. One that cannot be used is not intact, and stays in the stream.
+    ///
+    /// # Errors
+    /// Why it cannot be used.
+    pub(super) fn fill(&mut self, raw: &RawFrame<'_>, frame: &mut Frame) -> Result<(), Unusable> {
         let started = clock::monotonic_ns();
-        let RawFrame { format, bytes, stamp } = *raw;
-        frame.stamp = stamp;
-        frame.intact = !stamp.flags.contains(FrameFlags::ERROR)
-            && self.0.unpack(format.pixel, (format.width, format.height), format.stride, bytes, &mut frame.picture).is_ok();
+        frame.stamp = raw.stamp;
+        let filled = self.0.decode(raw, &mut frame.picture);
+        frame.intact = filled.is_ok();
         frame.context.spent_ns[Stage::Unpack as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
+        filled
     }
 }

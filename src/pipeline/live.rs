@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError, TryLockError};
 
 use super::Params;
+use super::decode::{Reason, Reasons, Unusable, said};
 
 /// Settings that may be changed while frames go by, and what becomes of these. Lasts as long as somebody wants, over many streams.
 #[derive(Debug)]
@@ -11,23 +12,36 @@ pub struct Live {
     /// Goes up with each change: all that the frame path looks at while there is none.
     version: AtomicU64,
     params: Mutex<Params>,
-    /// Frames the source gave, damaged ones included.
+    /// Frames the source gave, unusable ones included.
     frames_in: AtomicU64,
-    /// Frames whose data was damaged.
-    damaged: AtomicU64,
+    /// Frames that could not be used, by [`Reason`].
+    unusable: [AtomicU64; Reason::COUNT],
     /// Frames given up because a newer one was there.
     dropped: AtomicU64,
+    /// `frames_in` and `unusable` as they were when the present stream began.
+    frames_before: AtomicU64,
+    unusable_before: [AtomicU64; Reason::COUNT],
+    /// The first unusable frame's words for each reason, in the present stream; a bit of `told` for each that is there.
+    first: Mutex<[Option<Box<str>>; Reason::COUNT]>,
+    told: AtomicU64,
 }
 
 /// What became of the frames of a [`Live`] until they were to be drawn; over all its streams.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Frames the source gave, damaged ones included.
+    /// Frames the source gave, unusable ones included.
     pub frames_in: u64,
-    /// Frames whose data was damaged.
-    pub damaged: u64,
+    /// Frames that could not be used, by [`Reason`].
+    pub unusable: [u64; Reason::COUNT],
     /// Frames given up because a newer one was there.
     pub dropped: u64,
+}
+
+impl Counts {
+    /// Frames that could not be used.
+    pub fn damaged(&self) -> u64 {
+        self.unusable.iter().sum()
+    }
 }
 
 impl Live {
@@ -37,8 +51,12 @@ impl Live {
             version: AtomicU64::new(0),
             params: Mutex::new(*params),
             frames_in: AtomicU64::new(0),
-            damaged: AtomicU64::new(0),
+            unusable: Default::default(),
             dropped: AtomicU64::new(0),
+            frames_before: AtomicU64::new(0),
+            unusable_before: Default::default(),
+            first: Mutex::default(),
+            told: AtomicU64::new(0),
         }
     }
 
@@ -56,7 +74,40 @@ impl Live {
     /// What became of the frames so far.
     pub fn counts(&self) -> Counts {
         let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        Counts { frames_in: of(&self.frames_in), damaged: of(&self.damaged), dropped: of(&self.dropped) }
+        Counts {
+            frames_in: of(&self.frames_in),
+            unusable: std::array::from_fn(|kind| of(&self.unusable[kind])),
+            dropped: of(&self.dropped),
+        }
+    }
+
+    /// Frames of the present stream (or the last, where it has ended), and how many of them could not be used.
+    pub fn stream_counts(&self) -> (u64, u64) {
+        // What is unusable is read first: it is counted first, and never more than all.
+        let unusable = self.stream_unusable().iter().sum();
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        (of(&self.frames_in).saturating_sub(of(&self.frames_before)).max(unusable), unusable)
+    }
+
+    /// The same with the reasons.
+    pub fn stream(&self) -> (u64, Reasons) {
+        let counts = self.stream_unusable();
+        let first = self.first.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        (self.stream_counts().0, Reasons::of(counts, first))
+    }
+
+    fn stream_unusable(&self) -> [u64; Reason::COUNT] {
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        std::array::from_fn(|kind| of(&self.unusable[kind]).saturating_sub(of(&self.unusable_before[kind])))
+    }
+
+    /// A stream begins.
+    pub(super) fn begin(&self) {
+        let Counts { frames_in, unusable, .. } = self.counts();
+        self.frames_before.store(frames_in, Ordering::Relaxed);
+        self.unusable_before.iter().zip(unusable).for_each(|(before, count)| before.store(count, Ordering::Relaxed));
+        *self.first.lock().unwrap_or_else(PoisonError::into_inner) = Default::default();
+        self.told.store(0, Ordering::Relaxed);
     }
 
     /// The settings, where they changed since `seen`. One atomic load otherwise; where they are being set at this moment, the next
@@ -75,9 +126,21 @@ impl Live {
         Some(params)
     }
 
-    pub(super) fn count_in(&self, intact: bool) {
+    /// One atomic addition for a frame that can be used; words are kept of the first of each kind that cannot.
+    pub(super) fn count_in(&self, filled: &Result<(), Unusable>) {
+        if let Err(why) = filled {
+            let kind = why.reason() as usize;
+            self.unusable[kind].fetch_add(1, Ordering::Relaxed);
+            let bit = 1 << kind;
+            // Where somebody reads them just now, the next such frame's words are kept.
+            if self.told.load(Ordering::Relaxed) & bit == 0
+                && let Ok(mut first) = self.first.try_lock()
+            {
+                first[kind] = Some(said(why));
+                self.told.fetch_or(bit, Ordering::Relaxed);
+            }
+        }
         self.frames_in.fetch_add(1, Ordering::Relaxed);
-        self.damaged.fetch_add(u64::from(!intact), Ordering::Relaxed);
     }
 
     pub(super) fn count_dropped(&self) {
@@ -88,6 +151,26 @@ impl Live {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn reasons_are_those_of_the_present_stream_and_counts_those_of_all() {
+        let live = Live::new(&Params::default());
+        live.begin();
+        live.count_in(&Ok(()));
+        live.count_in(&Err(Unusable::Empty));
+        live.count_in(&Err(Unusable::Empty));
+        let (frames, reasons) = live.stream();
+        assert_eq!(reasons.in_words(frames).unwrap(), "2 of 3 frames cannot be used: the frame has no bytes");
+        live.begin();
+        assert_eq!(live.stream(), (0, Reasons::default()));
+        live.count_in(&Err(Unusable::Marked));
+        let (frames, reasons) = live.stream();
+        assert_eq!((frames, reasons.total(), reasons.main()), (1, 1, Some(Reason::Marked)));
+        assert!(reasons.in_words(1).unwrap().contains("marked as damaged"), "{reasons:?}");
+        let counts = live.counts();
+        assert_eq!((counts.frames_in, counts.damaged()), (4, 3));
+        assert_eq!(counts.unusable[Reason::Empty as usize], 2);
+    }
 
     #[test]
     fn a_change_is_seen_once() {

@@ -72,6 +72,7 @@ fn run(
     pace: Pace,
 ) -> Result<Totals, DeviceError> {
     let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
+    live.begin();
     let (free, empty) = bounded::<Box<Frame>>(stabilizer.frames());
     for _ in 0..stabilizer.frames() {
         // the channel has room for every frame there is, so neither this nor giving back ever fails
@@ -99,6 +100,7 @@ fn run(
         let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         totals.frames_in = captured.frames_in;
         totals.damaged = captured.damaged;
+        totals.unusable = captured.unusable;
         totals.dropped += captured.dropped;
         sent?;
         sink.finish()?;
@@ -166,7 +168,7 @@ impl HandOver<'_> {
         let mut spare = None;
         while !is_over() {
             let Some(mut frame) = spare.take().or_else(|| self.next_empty(&mut totals)) else { break };
-            match source.lend() {
+            let filled = match source.lend() {
                 Ok(Lent::Frame(raw)) => capture.fill(&raw, &mut frame),
                 Ok(Lent::Idle) => {
                     spare = Some(frame);
@@ -174,9 +176,9 @@ impl HandOver<'_> {
                 }
                 Ok(Lent::End) => break,
                 Err(error) => return (totals, Err(error)),
-            }
-            totals.count_in(&frame);
-            self.live.count_in(frame.intact);
+            };
+            totals.count_in(&filled);
+            self.live.count_in(&filled);
             if !self.send(frame, &mut spare, &mut totals) {
                 break;
             }

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::Histogram;
 use crate::frame::{Frame, HoldReason, Outcome, Stage};
 use crate::image::PictureRef;
-use crate::pipeline::{Observer, Totals};
+use crate::pipeline::{Observer, Reason, Totals};
 
 /// Times of every stage and of the whole frame, in bounded memory.
 #[derive(Debug)]
@@ -49,8 +49,8 @@ impl Stats {
     }
 
     /// What became of the frames sent so far; all that is known where the run itself ended in an error.
-    pub fn seen(&self) -> Totals {
-        self.seen
+    pub fn seen(&self) -> &Totals {
+        &self.seen
     }
 
     /// Everything as JSON, with `totals` of the run. Times in milliseconds; `wall_s` counts from the making of the statistics.
@@ -59,6 +59,9 @@ impl Stats {
         for stage in Stage::ALL {
             stages.insert(stage.name().into(), json_of(self.stage(stage)));
         }
+        let reasons = Reason::ALL.into_iter().filter(|&reason| totals.unusable.count(reason) > 0);
+        let unusable: Map<String, Value> =
+            reasons.map(|reason| (reason.name().to_owned(), totals.unusable.count(reason).into())).collect();
         let wall_s = self.started.elapsed().as_secs_f64();
         json!({
             "frames": {
@@ -69,6 +72,7 @@ impl Stats {
                 "passed_through": totals.passed_through,
                 "damaged": totals.damaged,
                 "dropped": totals.dropped,
+                "unusable": unusable,
             },
             "wall_s": wall_s,
             "frames_per_s": totals.frames_out as f64 / wall_s.max(1e-9),

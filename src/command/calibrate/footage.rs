@@ -5,7 +5,7 @@ use crate::device::{DeviceError, FrameSource};
 use crate::frame::{Fit, Frame, Outcome, Track};
 use crate::geometry::{Calibration, Pinhole, Pose, RowMotion, RowPoses};
 use crate::image::PictureRef;
-use crate::pipeline::{Camera, Observer, Params, run_inline};
+use crate::pipeline::{Camera, Observer, Params, Reasons, run_inline};
 use crate::rt::stop::Stop;
 use crate::stage::shutter::{self, Known, Model, Pair, Shutter};
 
@@ -33,6 +33,8 @@ pub(super) struct Footage {
     pub(super) frames: u64,
     /// The picture changed its size: what came then was left aside.
     pub(super) cut: bool,
+    /// Frames that could not be used, and why.
+    pub(super) unusable: Reasons,
     progress: Progress,
 }
 
@@ -74,7 +76,7 @@ impl Footage {
         let mut footage = Self { progress: Progress::new(what, frames), ..Self::default() };
         let ran = run_inline(source, &mut sink, &params, stop, &mut footage);
         std::mem::take(&mut footage.progress).finish();
-        ran.map(|_| footage)
+        ran.map(|totals| Self { unusable: totals.unusable, ..footage })
     }
 
     /// Usual time from one frame to the next, seconds; 0 where there are no two.

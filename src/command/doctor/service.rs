@@ -4,7 +4,11 @@ use std::process::Command;
 
 use super::finding::Finding;
 use crate::command::talk::Whom;
-use crate::control::Status;
+use crate::control::{FormatLeft, Status, Unusable};
+use crate::pipeline::Reason;
+
+/// One unusable frame of so many is nothing to act upon.
+const FEW: u64 = 100;
 
 /// What `systemctl show` says of the unit, as it prints it.
 pub(super) fn shown(unit: &str) -> Option<String> {
@@ -50,6 +54,31 @@ pub(super) fn judged(unit: &str, shown: Option<&str>) -> Finding {
     }
 }
 
+/// What the daemon says of its camera's frames, and of formats that it had to leave.
+pub(super) fn frames(status: &Status) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let configured = status.settings.get("camera.format").map_or("\"auto\"", String::as_str);
+    if let Some(Unusable { frames, of, reason, what }) = &status.unusable {
+        let elsewhere = match (Reason::ALL.into_iter().find(|known| known.name() == reason), configured) {
+            (Some(Reason::Size | Reason::Unsupported), _) => "choose another camera.format, or camera.width and camera.height",
+            (_, "\"auto\"") => "try another cable, another socket (no hub), or fewer devices at the same one",
+            _ => "camera.format = \"auto\" tries the camera's other formats; else try another cable or socket (no hub)",
+        };
+        findings.push(match () {
+            () if frames == of => Finding::fault("frames", what, elsewhere),
+            () if frames.saturating_mul(FEW) > *of => Finding::advice("frames", what, elsewhere),
+            () => Finding::note("frames", what),
+        });
+    }
+    for FormatLeft { camera, format, what } in &status.formats_left {
+        let what = format!("{format} of {camera} is not used: {what}");
+        let mend =
+            format!("where that is over: sudo systemctl restart gimbald; else set camera.format to another than {format}");
+        findings.push(Finding::advice("frames", what, mend));
+    }
+    findings
+}
+
 /// What the daemon says of itself; with its status where it answers.
 pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
     let answer = whom.connect().and_then(|mut connection| Ok(connection.ask("status")?));
@@ -82,6 +111,28 @@ pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
 mod tests {
     use super::*;
     use crate::command::doctor::finding::Severity;
+
+    #[test]
+    fn frames_that_cannot_be_used_are_judged_by_their_share() {
+        let frames_of = frames;
+        let judged = |frames, of, reason: Reason, format: &str| {
+            let unusable = Unusable { frames, of, reason: reason.name().into(), what: "why".into() };
+            let settings = [("camera.format".to_owned(), format.to_owned())].into();
+            let status = Status { unusable: Some(unusable), settings, ..Status::default() };
+            let [finding] = frames_of(&status).try_into().unwrap();
+            finding
+        };
+        assert_eq!(judged(30, 30, Reason::Damaged, "\"auto\"").severity, Severity::Fault);
+        assert!(judged(30, 30, Reason::Damaged, "\"auto\"").mend.contains("cable"));
+        assert!(judged(30, 30, Reason::Damaged, "\"mjpeg\"").mend.contains("camera.format = \"auto\""));
+        assert!(judged(30, 30, Reason::Size, "\"mjpeg\"").mend.contains("camera.width"));
+        assert_eq!(judged(6, 30, Reason::Marked, "\"auto\"").severity, Severity::Advice);
+        assert_eq!(judged(1, 3000, Reason::Marked, "\"auto\"").severity, Severity::Note);
+        let left = FormatLeft { camera: "C".into(), format: "mjpeg".into(), what: "why".into() };
+        let status = Status { formats_left: vec![left], ..Status::default() };
+        assert!(frames_of(&status)[0].to_string().contains("mjpeg of C is not used: why"));
+        assert_eq!(frames_of(&Status::default()), []);
+    }
 
     #[test]
     fn each_state_has_its_judgement() {

@@ -10,21 +10,21 @@ use rustix::io::Errno;
 
 use super::super::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
 use super::find::find;
-use super::mode::{Wish, choose};
+use super::mode::{Mode, Wish, choose};
 use super::negotiate::{check_camera, modes, set_mode, unsupported};
 use super::node::{Direction, Node};
 use super::queue::{Queue, Returned};
+use super::stall::Stall;
 use super::timeline::Timeline;
+use super::transfers::{Holds, Transfers};
 use crate::frame::{FrameFlags, Stamp};
 use crate::image::PixelFormat;
 use crate::rt::clock::monotonic_ns;
+use crate::rt::rarely::Rarely;
 use crate::rt::wake::Wake;
 
 /// How long a lend waits for a frame before it says [`Lent::Idle`].
 const PATIENCE: Duration = Duration::from_secs(1);
-
-/// A stream that gave nothing for this long (nanoseconds) is stopped and started; then after twice that, and so on.
-const STALL_NS: i64 = 5_000_000_000;
 
 /// Which camera, and what to ask of it; what is `None` is chosen by [`choose`].
 #[derive(Clone, Debug, PartialEq)]
@@ -39,13 +39,33 @@ pub struct CaptureParams {
     pub height: Option<u32>,
     /// Frames a second.
     pub fps: Option<f64>,
+    /// Formats that are not to be chosen, where `format` is `None` and the camera has another.
+    pub avoid: Vec<Avoided>,
     /// Buffers to share with the driver (2 to 32): more ride out longer delays of ours, each holds a frame in memory.
     pub buffers: u32,
 }
 
 impl Default for CaptureParams {
     fn default() -> Self {
-        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, buffers: 6 }
+        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, avoid: Vec::new(), buffers: 6 }
+    }
+}
+
+/// A format of one camera that is known not to work.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Avoided {
+    /// The camera's name.
+    pub card: String,
+    /// Where it is plugged in.
+    pub bus: String,
+    /// The format.
+    pub pixel: PixelFormat,
+}
+
+impl Avoided {
+    /// Whether the camera of this name at this bus is meant.
+    pub fn is_of(&self, card: &str, bus: &str) -> bool {
+        self.card == card && self.bus == bus
     }
 }
 
@@ -66,12 +86,14 @@ pub struct Counts {
     pub foreign_times: u64,
     /// Times the stream was stopped and started.
     pub restarts: u64,
+    /// Transfers that failed: the driver gave its buffers back without a frame.
+    pub failed_transfers: u64,
 }
 
 impl fmt::Display for Counts {
     /// As people say it: what did not happen is left out.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, dropped, missing, damaged, truncated, foreign_times, restarts } = *self;
+        let Self { frames, dropped, missing, damaged, truncated, foreign_times, restarts, failed_transfers } = *self;
         write!(f, "{frames} frames")?;
         for (count, what) in [
             (dropped, "stale"),
@@ -79,7 +101,8 @@ impl fmt::Display for Counts {
             (damaged, "damaged"),
             (truncated, "cut short"),
             (foreign_times, "without a time of their own"),
-            (restarts, "starts anew"),
+            (restarts, if restarts == 1 { "restart" } else { "restarts" }),
+            (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
         ] {
             if count > 0 {
                 write!(f, ", {count} {what}")?;
@@ -95,6 +118,7 @@ pub struct Capture {
     queue: Queue,
     wake: Wake,
     format: StreamFormat,
+    next_best: Option<PixelFormat>,
     /// Bytes of a whole frame; 0 for compressed formats.
     whole: usize,
     /// The buffer that is lent, and those that will be next.
@@ -104,9 +128,9 @@ pub struct Capture {
     counts: Counts,
     /// The stream failed and was restarted, and no frame came since.
     restarted: bool,
-    /// When the last frame came or the stream was started, and how long without one until it is started anew.
-    quiet_since_ns: i64,
-    stall_ns: i64,
+    stall: Stall,
+    transfers: Transfers,
+    failures_logged: Rarely,
 }
 
 impl Capture {
@@ -115,7 +139,7 @@ impl Capture {
     /// # Errors
     /// As [`Self::open`].
     pub fn probe(params: &CaptureParams) -> Result<StreamFormat, DeviceError> {
-        agree(params).map(|(_, format)| format)
+        agree(params).map(|agreed| agreed.format)
     }
 
     /// Opens the camera, sets its format and rate, and starts it. A ring of `wake` ends a waiting [`FrameSource::lend`] at once.
@@ -124,7 +148,7 @@ impl Capture {
     /// [`DeviceError::Busy`] where another program streams from it, [`DeviceError::Gone`] where it goes away meanwhile,
     /// [`DeviceError::Unsupported`] where it is no camera or cannot do what is asked, else [`DeviceError::Io`].
     pub fn open(params: &CaptureParams, wake: Wake) -> Result<Self, DeviceError> {
-        let (node, format) = agree(params)?;
+        let Agreed { node, format, next_best } = agree(params)?;
         let path = node.path().to_path_buf();
         let whole = format.frame_bytes().unwrap_or(0);
         let queue = Queue::new(node, Direction::Capture, params.buffers.clamp(2, 32))?;
@@ -144,13 +168,15 @@ impl Capture {
             queue,
             wake,
             format,
+            next_best,
             whole,
             lent: None,
             timeline: Timeline::default(),
             counts: Counts::default(),
             restarted: false,
-            quiet_since_ns: 0,
-            stall_ns: STALL_NS,
+            stall: Stall::new(),
+            transfers: Transfers::default(),
+            failures_logged: Rarely::default(),
         };
         capture.start()?;
         tracing::info!(
@@ -172,7 +198,14 @@ impl Capture {
 
     /// What became of the frames so far.
     pub fn counts(&self) -> Counts {
-        Counts { missing: self.timeline.missing, foreign_times: self.timeline.foreign_times, ..self.counts }
+        let Timeline { missing, foreign_times, .. } = self.timeline;
+        Counts { missing, foreign_times, failed_transfers: self.transfers.failed, ..self.counts }
+    }
+
+    /// The format that would be chosen for this camera if it did not have the present one; `None` where the format was asked for, or
+    /// it has no other.
+    pub fn next_best(&self) -> Option<PixelFormat> {
+        self.next_best
     }
 
     /// Gives every buffer to the driver and starts the stream.
@@ -183,12 +216,15 @@ impl Capture {
             self.queue.enqueue(index, 0, 0).map_err(|errno| self.queue.node().error("give a buffer to", errno))?;
         }
         self.queue.start().map_err(|errno| self.queue.node().error("start the stream of", errno))?;
-        self.quiet_since_ns = monotonic_ns();
+        self.stall.started(monotonic_ns());
         Ok(())
     }
 
-    /// Stops and starts the stream.
-    fn restart(&mut self) -> Result<(), DeviceError> {
+    /// Stops and starts the stream; a frame that is lent goes home.
+    ///
+    /// # Errors
+    /// Where the camera refuses, or is gone.
+    pub fn restart(&mut self) -> Result<(), DeviceError> {
         self.counts.restarts += 1;
         self.timeline.restart();
         self.queue.stop().map_err(|errno| self.queue.node().error("stop the stream of", errno))?;
@@ -202,7 +238,7 @@ impl Capture {
         if self.restarted || matches!(error, DeviceError::Gone { .. }) {
             return Err(error);
         }
-        tracing::warn!(%error, "the stream is started anew");
+        tracing::warn!(%error, "the stream is restarted");
         self.restarted = true;
         self.restart()
     }
@@ -228,7 +264,13 @@ impl Capture {
     fn take_in(&mut self) -> Result<(), Errno> {
         while self.ready.len() < self.queue.len() {
             let Some(returned) = self.queue.dequeue()? else { break };
-            let stamp = self.timeline.stamp(returned.sequence, returned.time, monotonic_ns());
+            let now_ns = monotonic_ns();
+            if let Holds::Nothing { is_new } = self.transfers.look(&returned, now_ns) {
+                self.queue.enqueue(returned.index, 0, 0)?;
+                self.transfer_failed(is_new, now_ns)?;
+                continue;
+            }
+            let stamp = self.timeline.stamp(returned.sequence, returned.time, now_ns);
             self.ready.push_back((returned, stamp));
         }
         // One more was given back just now, too late to be filled.
@@ -241,31 +283,51 @@ impl Capture {
         Ok(())
     }
 
-    /// A camera that says nothing for long is started anew: some stop after a glitch of the bus or a suspend.
+    fn transfer_failed(&mut self, is_new: bool, now_ns: i64) -> Result<(), Errno> {
+        self.stall.transfer_failed();
+        if is_new && self.failures_logged.is_due(now_ns) {
+            let failed = self.transfers.failed;
+            tracing::warn!(camera = %self.path().display(), failed, "a transfer from the camera failed; the stream goes on");
+        }
+        if self.transfers.are_hopeless() { Err(Errno::IO) } else { Ok(()) }
+    }
+
+    /// Restarts the stream of a camera that gives nothing for long.
     fn stir(&mut self) -> Result<(), DeviceError> {
-        if monotonic_ns() - self.quiet_since_ns < self.stall_ns {
-            return Ok(());
+        let Some(stalled) = self.stall.look(monotonic_ns()) else { return Ok(()) };
+        if stalled.is_new {
+            tracing::warn!(camera = %self.path().display(), "{stalled}");
         }
-        // Told once, not for each try.
-        let seconds = self.stall_ns / 1_000_000_000;
-        if self.stall_ns == STALL_NS {
-            tracing::warn!(camera = %self.path().display(), seconds, "no frame came; the stream is started anew, from time to time");
-        }
-        self.stall_ns = self.stall_ns.saturating_mul(2).min(12 * STALL_NS);
         self.restart()
     }
 }
 
+/// What was agreed with a camera.
+struct Agreed {
+    node: Node,
+    format: StreamFormat,
+    next_best: Option<PixelFormat>,
+}
+
 /// Opens the camera and sets its format and rate.
-fn agree(params: &CaptureParams) -> Result<(Node, StreamFormat), DeviceError> {
+fn agree(params: &CaptureParams) -> Result<Agreed, DeviceError> {
     let path = find(&params.device, Direction::Capture)?;
     let node = Node::open(&path)?;
     check_camera(&node)?;
     let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
-    let offered = modes(&node, &asked);
-    let mode = choose(&offered, &asked).ok_or_else(|| unsupported(&path, &asked, &node))?;
+    let mut offered = modes(&node, &asked);
+    let (card, bus) = node.identity().map_or_else(|_| Default::default(), |identity| (identity.card, identity.bus));
+    let avoid = params.avoid.iter().filter(|avoid| avoid.is_of(&card, &bus)).map(|avoid| avoid.pixel).collect::<Vec<_>>();
+    let fits = |offered: &[Mode]| choose(offered, &asked);
+    let others: Vec<Mode> = offered.iter().filter(|mode| !avoid.contains(&mode.pixel)).copied().collect();
+    if params.format.is_none() && fits(&others).is_some() {
+        offered = others;
+    }
+    let mode = fits(&offered).ok_or_else(|| unsupported(&path, &asked, &node))?;
+    offered.retain(|other| other.pixel != mode.pixel);
+    let next_best = fits(&offered).map(|mode| mode.pixel);
     let format = set_mode(&node, &mode, &asked)?;
-    Ok((node, format))
+    Ok(Agreed { node, format, next_best })
 }
 
 impl FrameSource for Capture {
@@ -301,8 +363,7 @@ impl FrameSource for Capture {
         };
         self.lent = Some(returned.index);
         self.restarted = false;
-        self.quiet_since_ns = monotonic_ns();
-        self.stall_ns = STALL_NS;
+        self.stall.frame(monotonic_ns());
         self.counts.frames += 1;
         if returned.error {
             stamp.flags = stamp.flags.with(FrameFlags::ERROR);
@@ -331,7 +392,7 @@ mod tests {
     #[test]
     fn counts_are_said_in_words() {
         assert_eq!(Counts { frames: 3, ..Counts::default() }.to_string(), "3 frames");
-        let many = Counts { frames: 9, missing: 2, restarts: 1, ..Counts::default() };
-        assert_eq!(many.to_string(), "9 frames, 2 missing, 1 starts anew");
+        let many = Counts { frames: 9, missing: 2, restarts: 1, failed_transfers: 3, ..Counts::default() };
+        assert_eq!(many.to_string(), "9 frames, 2 missing, 1 restart, 3 failed transfers");
     }
 }

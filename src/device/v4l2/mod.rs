@@ -13,10 +13,12 @@ mod mode;
 mod negotiate;
 mod node;
 mod queue;
+mod stall;
 mod timeline;
+mod transfers;
 mod viewers;
 
-pub use capture::{Capture, CaptureParams, Counts};
+pub use capture::{Avoided, Capture, CaptureParams, Counts};
 pub use enumerate::{DeviceInfo, FormatInfo, devices};
 pub use find::{find, find_again};
 pub use hotplug::{Hotplug, News};

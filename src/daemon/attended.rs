@@ -1,0 +1,330 @@
+//! A camera while its frames go by: what it loses and what cannot be used is counted and said, and something is done about it.
+
+use super::audience::Seats;
+use super::pulse::Pulse;
+use super::recovery::{Recovery, Step};
+use crate::control::{Lost, State};
+use crate::device::v4l2::Capture;
+use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
+use crate::rt::rarely::Rarely;
+
+/// How often is looked at what became of the frames (nanoseconds).
+const LOOK_EVERY_NS: i64 = 250_000_000;
+
+/// Unusable frames are said this long after the first (nanoseconds), so that their number tells something.
+const SAY_AFTER_NS: i64 = 1_000_000_000;
+
+/// What is asked of a camera here.
+pub(super) trait Camera: FrameSource {
+    /// What it lost since it was opened.
+    fn lost(&self) -> Lost;
+
+    /// Stops and starts its stream.
+    fn restart(&mut self) -> Result<(), DeviceError>;
+}
+
+impl Camera for Capture {
+    fn lost(&self) -> Lost {
+        let counts = self.counts();
+        Lost {
+            missing: counts.missing,
+            stale: counts.dropped,
+            failed_transfers: counts.failed_transfers,
+            restarts: counts.restarts,
+        }
+    }
+
+    fn restart(&mut self) -> Result<(), DeviceError> {
+        Capture::restart(self)
+    }
+}
+
+/// A camera whose frames and silences leave their mark in a [`Pulse`].
+pub(super) struct Attended<'a> {
+    pub(super) camera: &'a mut dyn Camera,
+    pub(super) pulse: &'a Pulse<'a>,
+    /// What the daemon is at, as long as frames can be used.
+    pub(super) what: String,
+    /// Those who want the camera, where nobody else does.
+    pub(super) audience: Option<Seats>,
+    pub(super) recovery: &'a mut Recovery,
+    pub(super) notes: Notes,
+    /// Nanoseconds on CLOCK_MONOTONIC; a test has a clock of its own.
+    pub(super) clock: fn() -> i64,
+    /// Whether it was the camera that ended the run.
+    pub(super) failed: bool,
+    /// The step for which the run was ended, where it was.
+    pub(super) step: Step,
+}
+
+/// What an [`Attended`] remembers.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    /// What the camera said it lost, as far as it was told.
+    told: Lost,
+    /// When it was looked at the frames last; 0 before the first time.
+    looked_ns: i64,
+    /// Usable frames, and when there were fewer for the last time.
+    usable: u64,
+    usable_ns: i64,
+    /// Unusable frames that were logged, and when the first one was seen that was not.
+    logged: u64,
+    first_ns: Option<i64>,
+    some: Rarely,
+    /// It was said that no frame can be used any more.
+    none_usable: bool,
+    none: Rarely,
+    restarts: Rarely,
+}
+
+impl Attended<'_> {
+    /// Looks at what became of the frames so far, says it, and says what to do.
+    fn look(&mut self, now_ns: i64) -> Step {
+        self.pulse.lost(self.camera.lost(), &mut self.notes.told);
+        if self.notes.looked_ns == 0 {
+            self.notes.usable_ns = now_ns;
+        } else if now_ns.saturating_sub(self.notes.looked_ns) < LOOK_EVERY_NS {
+            return Step::GoOn;
+        }
+        self.notes.looked_ns = now_ns;
+        let (frames, unusable) = self.pulse.stream_counts();
+        self.say(now_ns, frames, unusable);
+        self.recovery.look(now_ns, frames, unusable)
+    }
+
+    /// Logs frames that cannot be used: a moment after the first, and when there are no others any more; then ever more rarely.
+    fn say(&mut self, now_ns: i64, frames: u64, unusable: u64) {
+        let (notes, usable) = (&mut self.notes, frames.saturating_sub(unusable));
+        if usable > notes.usable {
+            (notes.usable, notes.usable_ns) = (usable, now_ns);
+            if std::mem::take(&mut notes.none_usable) {
+                tracing::info!("the camera's frames can be used again");
+                self.pulse.doing(self.what.clone(), State::Streaming);
+            }
+        }
+        if unusable == notes.logged {
+            return;
+        }
+        let first_ns = *notes.first_ns.get_or_insert(now_ns);
+        if now_ns.saturating_sub(first_ns) < SAY_AFTER_NS {
+            return;
+        }
+        let ends = now_ns.saturating_sub(notes.usable_ns) >= SAY_AFTER_NS && !notes.none_usable;
+        let due = notes.some.is_due(now_ns) | (ends && notes.none.is_due(now_ns));
+        if !due && !ends {
+            return;
+        }
+        let (frames, reasons) = self.pulse.stream();
+        let Some(words) = reasons.in_words(frames) else { return };
+        if ends {
+            notes.none_usable = true;
+            self.pulse.doing(format!("{}; {words}", self.what), State::Streaming);
+        }
+        if due {
+            (notes.logged, notes.first_ns) = (unusable, None);
+            tracing::warn!("{words}");
+        }
+    }
+
+    /// Restarts the stream, as [`Step::Restart`] wants it.
+    fn restart(&mut self, now_ns: i64) -> Result<(), DeviceError> {
+        if self.notes.restarts.is_due(now_ns) {
+            tracing::warn!("no frame can be used: the stream is restarted");
+        }
+        self.camera.restart()
+    }
+}
+
+impl FrameSource for Attended<'_> {
+    fn format(&self) -> StreamFormat {
+        self.camera.format()
+    }
+
+    fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+        let now_ns = (self.clock)();
+        let step = self.look(now_ns);
+        if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
+            return Ok(Lent::End);
+        }
+        match step {
+            Step::GoOn => {}
+            Step::Restart => self.restart(now_ns).inspect_err(|_| self.failed = true)?,
+            Step::NextFormat | Step::FirstFormat => {
+                self.step = step;
+                return Ok(Lent::End);
+            }
+        }
+        match self.camera.lend() {
+            Ok(Lent::Idle) => {
+                self.pulse.camera_idle();
+                Ok(Lent::Idle)
+            }
+            Ok(lent) => {
+                self.pulse.frame_lent(now_ns);
+                Ok(lent)
+            }
+            Err(error) => {
+                self.failed = true;
+                Err(error)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicI64, Ordering::Relaxed};
+
+    use super::*;
+    use crate::config::Settings;
+    use crate::control::{Desk, Status};
+    use crate::device::null::NullSink;
+    use crate::device::{FrameSink, RawFrame};
+    use crate::frame::Stamp;
+    use crate::image::{PictureMut, PixelFormat};
+    use crate::pipeline::run_live;
+    use crate::rt::stop::Stop;
+    use crate::systemd::Systemd;
+
+    const SIZE: (u32, u32) = (64, 48);
+
+    /// Gives a frame each 33 ms of a clock that goes on by that alone: raw ones that are whole while `is_whole` says so.
+    struct Fake {
+        format: StreamFormat,
+        clock: &'static AtomicI64,
+        bytes: Vec<u8>,
+        given: u64,
+        is_whole: fn(u64) -> bool,
+        ends_at: u64,
+        restarts: Vec<u64>,
+    }
+
+    impl FrameSource for Fake {
+        fn format(&self) -> StreamFormat {
+            self.format
+        }
+
+        fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
+            if self.given == self.ends_at {
+                return Ok(Lent::End);
+            }
+            // The other thread keeps up, mostly.
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            let time_ns = self.clock.fetch_add(33_333_333, Relaxed);
+            let stamp = Stamp { time_ns, sequence: self.given, ..Stamp::default() };
+            let len = if (self.is_whole)(self.given) { self.bytes.len() } else { 7 };
+            self.given += 1;
+            Ok(Lent::Frame(RawFrame { format: self.format, bytes: &self.bytes[..len], stamp }))
+        }
+    }
+
+    impl Camera for Fake {
+        fn lost(&self) -> Lost {
+            Lost { restarts: self.restarts.len() as u64, ..Lost::default() }
+        }
+
+        fn restart(&mut self) -> Result<(), DeviceError> {
+            self.restarts.push(self.given);
+            Ok(())
+        }
+    }
+
+    /// A sink with a picture of its own.
+    struct Wall {
+        inner: NullSink,
+        placeholders: u64,
+    }
+
+    impl FrameSink for Wall {
+        fn format(&self) -> StreamFormat {
+            self.inner.format()
+        }
+
+        fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
+            self.inner.canvas()
+        }
+
+        fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
+            self.inner.submit(stamp)
+        }
+
+        fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
+            self.placeholders += 1;
+            Ok(true)
+        }
+    }
+
+    struct Ran {
+        step: Step,
+        restarts: Vec<u64>,
+        drawn: u64,
+        placeholders: u64,
+        dropped: u64,
+        status: Status,
+    }
+
+    fn run(clock: (fn() -> i64, &'static AtomicI64), is_whole: fn(u64) -> bool, ends_at: u64) -> Ran {
+        let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::Yuyv, (1, 30));
+        let bytes = vec![128; format.frame_bytes().unwrap()];
+        let mut camera = Fake { format, clock: clock.1, bytes, given: 0, is_whole, ends_at, restarts: Vec::new() };
+        let desk = Desk::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())));
+        let pulse = Pulse::new(Systemd::nobody(), &desk);
+        let mut recovery = Recovery::new();
+        recovery.begin(clock.0(), true, false);
+        let mut sink = Wall { inner: NullSink::new(&format), placeholders: 0 };
+        let mut attended = Attended {
+            camera: &mut camera,
+            pulse: &pulse,
+            what: "a to b".into(),
+            audience: None,
+            recovery: &mut recovery,
+            notes: Notes::default(),
+            clock: clock.0,
+            failed: false,
+            step: Step::GoOn,
+        };
+        let mut observer = &pulse;
+        let params = desk.live.params();
+        let totals = run_live(&mut attended, &mut sink, &params, &desk.live, &Stop::default(), &mut observer).unwrap();
+        let step = attended.step;
+        Ran {
+            step,
+            restarts: camera.restarts,
+            drawn: sink.inner.submitted(),
+            placeholders: sink.placeholders,
+            dropped: totals.dropped,
+            status: desk.status(),
+        }
+    }
+
+    #[test]
+    fn a_camera_of_which_nothing_can_be_used_is_restarted_and_left_and_all_is_said() {
+        static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
+        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |_| false, u64::MAX);
+        assert_eq!((ran.step, ran.restarts.len()), (Step::NextFormat, 1));
+        assert!((90..100).contains(&ran.restarts[0]), "after three seconds: {:?}", ran.restarts);
+        assert_eq!(ran.drawn, 0, "neither black nor anything else is drawn");
+        let Status { frames, unusable, unusable_frames, drops, what, .. } = ran.status;
+        let unusable = unusable.unwrap();
+        assert!((180..200).contains(&unusable.frames) && unusable.frames == unusable.of, "{unusable:?}");
+        assert_eq!((frames.captured, drops.damaged, drops.restarts), (unusable.of, unusable.of, 1));
+        assert_eq!((unusable.reason.as_str(), unusable_frames.get("truncated")), ("truncated", Some(&unusable.of)));
+        assert_eq!(ran.placeholders + ran.dropped, unusable.of);
+        let words = " frames cannot be decoded: the YUYV frame has 7 bytes, 6144 were expected";
+        assert_eq!(unusable.what, format!("{0} of {0}{words}", unusable.of));
+        assert!(what.starts_with("a to b; ") && what.ends_with(words), "{what}");
+    }
+
+    #[test]
+    fn a_picture_is_held_for_two_seconds_and_what_comes_back_is_shown() {
+        static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
+        // Ten good seconds, four bad ones, two good ones.
+        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |n| !(300..420).contains(&n), 480);
+        assert_eq!((ran.step, ran.restarts.len()), (Step::GoOn, 1));
+        assert_eq!(ran.drawn + ran.placeholders + ran.dropped, 480);
+        // The first second's pictures and the rest may be given up on a machine that is slow; never are they replaced.
+        assert!(ran.placeholders <= 60, "{} in place of the last two seconds' frames", ran.placeholders);
+        assert!(ran.placeholders > 0 || ran.dropped >= 59);
+        assert_eq!((ran.status.what.as_str(), ran.status.unusable.unwrap().frames), ("a to b", 120));
+    }
+}
