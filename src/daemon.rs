@@ -8,6 +8,7 @@ mod pulse;
 mod recovery;
 mod screen;
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{RecvTimeoutError, bounded};
@@ -68,13 +69,13 @@ pub struct ExitReport {
 /// # Errors
 /// Where the loopback or the camera cannot do what is configured from the beginning and nobody manages this as a service: a
 /// service waits, and says for what.
-pub fn run(desk: &Desk, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
+pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
     let settings = &desk.settings();
     let pulse = Pulse::new(systemd, desk);
     let memory = Memory::open(Systemd::state_directory().as_deref());
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
-    let server = Server::open(&settings.control, &settings.metrics.listen, Systemd::runtime_directory());
+    let server = Server::open(&settings.control, Systemd::runtime_directory());
     let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.

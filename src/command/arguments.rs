@@ -24,9 +24,9 @@ pub enum Command {
     On(talk::Args),
     /// Have the service show the camera's picture as it is
     Off(talk::Args),
-    /// Change a setting of the service until it reads its configuration anew
+    /// Change a setting of the service until it reads its configuration again
     Set(talk::SetArgs),
-    /// Have the service read its configuration anew
+    /// Have the service read its configuration again
     Reload(talk::Args),
     /// Find what keeps gimbald from working, or from working well, and say what mends it
     Doctor(doctor::Args),

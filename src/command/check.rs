@@ -70,6 +70,9 @@ fn configuration(path: &Path) -> Result<String, Failure> {
     for key in changed {
         answer += &format!("  {} = {}  (default {})\n", key.name, key.shown(&settings), key.shown(&defaults));
     }
+    for retired in &settings.retired {
+        answer += &format!("  {retired}\n");
+    }
     Ok(answer)
 }
 

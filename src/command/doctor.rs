@@ -88,7 +88,10 @@ fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
     }
     let read = text_of(path).and_then(|text| Ok(Settings::read(Some((&path.to_string_lossy(), &text)), &[])?));
     match read {
-        Ok(settings) => (Finding::good("config", format!("{shown} is right")), settings),
+        Ok(settings) => match settings.retired.first() {
+            None => (Finding::good("config", format!("{shown} is right")), settings),
+            Some(retired) => (Finding::advice("config", format!("{retired}"), format!("sudoedit {shown}")), settings),
+        },
         Err(failure) => {
             let mend = format!("correct it, then: gimbald check {shown}");
             (Finding { severity: Severity::Config, ..Finding::fault("config", failure.message, mend) }, Settings::default())

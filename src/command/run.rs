@@ -1,5 +1,7 @@
 //! `gimbald run`: the service.
 
+use std::sync::Arc;
+
 use signal_hook::iterator::Handle;
 
 use super::signals::Signals;
@@ -28,15 +30,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let again = args.settings.clone();
     let reread = Box::new(move || again.read_again().map_err(|failure| failure.message));
-    let desk = Desk::new(settings, Systemd::from_env(), reread);
+    let desk = Arc::new(Desk::new(settings, Systemd::from_env(), reread));
+    desk.warn_of_retired(&desk.settings());
     let stop = Stop::default();
     let mut signals = Signals::catch()?;
     let report = std::thread::scope(|scope| {
         // also where a panic ends it: the scope waits for its thread
         let _closing = CloseAtEnd(signals.handle());
-        let listening = std::thread::Builder::new()
-            .name("signals".into())
-            .spawn_scoped(scope, || signals.listen(&stop, &wake, || drop(desk.reload())));
+        let listen = || signals.listen(&stop, &wake, || _ = desk.reload_soon());
+        let listening = std::thread::Builder::new().name("signals".into()).spawn_scoped(scope, listen);
         match listening {
             Ok(_) => daemon::run(&desk, &stop, &wake).map_err(Failure::from),
             Err(error) => Err(Failure::new(Exit::Io, format!("cannot start a thread for signals: {error}"))),

@@ -1,18 +1,18 @@
 //! `gimbald status`, `on`, `off`, `set`, `reload`: talks to a daemon that runs.
 
-use std::io::IsTerminal;
+use std::fs::Permissions;
+use std::io::{IsTerminal, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
-
-use serde_json::Value;
 
 use super::doctor::machine::Machine;
 use super::say::say;
 use super::settings::text_of;
 use super::{Exit, Failure};
 use crate::config::Settings;
-use crate::control::{Applied, ClientError, Connection, Status, default_paths};
+use crate::control::{Assignment, ClientError, Connection, RefusalKind, Request, default_paths};
 
 /// Which daemon is meant.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -36,9 +36,12 @@ pub struct StatusArgs {
     /// As JSON, on one line
     #[arg(long, conflicts_with = "prometheus")]
     json: bool,
-    /// As metrics for Prometheus
+    /// As metrics for Prometheus; with --instance, each has a label `service` with its name
     #[arg(long)]
     prometheus: bool,
+    /// Into this file, which is replaced whole and readable to all; removed where no daemon answers
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
     /// Again and again, every so many seconds (1), until Ctrl-C
     #[arg(short, long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", require_equals = true,
         value_parser = seconds)]
@@ -55,9 +58,9 @@ pub struct Args {
 /// Arguments of `set`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SetArgs {
-    /// What to change, as smooth.strength=0.5; lasts until the configuration is read anew
+    /// What to change, as smooth.strength=0.5; lasts until the configuration is read again
     #[arg(value_name = "KEY=VALUE", required = true)]
-    assignments: Vec<String>,
+    assignments: Vec<Assignment>,
     #[command(flatten)]
     whom: Whom,
 }
@@ -130,7 +133,12 @@ fn instances() -> Vec<String> {
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         let exit = match &error {
-            ClientError::Refused(_) => Exit::Config,
+            ClientError::Unknown { .. } => Exit::BadData,
+            ClientError::Refused(refusal)
+                if !matches!(refusal.kind, RefusalKind::Busy | RefusalKind::Late | RefusalKind::Request) =>
+            {
+                Exit::Config
+            }
             _ => Exit::Unavailable,
         };
         Self::new(exit, error.to_string())
@@ -142,6 +150,9 @@ impl From<ClientError> for Failure {
 /// # Errors
 /// Where no daemon answers.
 pub fn status(args: &StatusArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.output {
+        return status_into(path, args);
+    }
     let mut connection = args.whom.connect()?;
     loop {
         let text = told(args, &mut connection)?;
@@ -157,6 +168,51 @@ pub fn status(args: &StatusArgs) -> Result<(), Failure> {
     }
 }
 
+/// Writes the status into a file, again and again where that is asked. It never holds what is not so any more.
+fn status_into(path: &Path, args: &StatusArgs) -> Result<(), Failure> {
+    loop {
+        let told = args.whom.connect().and_then(|mut connection| told(args, &mut connection));
+        match (told, args.watch) {
+            (Ok(text), _) => replace(path, &text).map_err(|error| Failure::creating(path, &error))?,
+            (Err(failure), watch) => {
+                match std::fs::remove_file(path) {
+                    Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(Failure::creating(path, &error)),
+                    _ => {}
+                }
+                // A daemon that is restarted is back soon.
+                if watch.is_none() {
+                    return Err(failure);
+                }
+            }
+        }
+        let Some(pause) = args.watch else { return Ok(()) };
+        sleep(Duration::from_secs_f64(pause));
+    }
+}
+
+/// Replaces a file by one with this text, in one step.
+fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // The collector of Prometheus' node exporter passes over names with another end.
+    let mut file = tempfile::Builder::new().prefix(".gimbald-").suffix(".new").tempfile_in(directory)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().set_permissions(Permissions::from_mode(0o644))?;
+    file.persist(path)?;
+    Ok(())
+}
+
+/// Metrics with one more label, which tells several daemons apart.
+fn labelled(metrics: &str, name: &str) -> String {
+    let escaped = name.replace('\\', "\\\\").replace('"', "\\\"");
+    let line = |line: &str| match line.find(['{', ' ']) {
+        Some(_) if line.starts_with('#') => line.to_owned() + "\n",
+        Some(end) if line[end..].starts_with('{') => format!("{}{{service=\"{escaped}\",{}\n", &line[..end], &line[end + 1..]),
+        Some(end) => format!("{}{{service=\"{escaped}\"}}{}\n", &line[..end], &line[end..]),
+        None => line.to_owned() + "\n",
+    };
+    metrics.lines().map(line).collect()
+}
+
 /// Whether standard output is a pipe that nobody reads any more.
 fn reader_is_gone() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -168,14 +224,17 @@ fn reader_is_gone() -> bool {
 
 fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failure> {
     if args.prometheus {
-        let answer = connection.ask("prometheus")?;
-        return Ok(answer["text"].as_str().unwrap_or_default().to_owned());
+        let metrics = connection.metrics()?;
+        return Ok(match &args.whom.instance {
+            Some(name) => labelled(&metrics, name),
+            None => metrics,
+        });
     }
-    let status = connection.ask("status")?["status"].take();
+    let mut status = connection.status()?;
     if args.json {
-        return Ok(format!("{status}\n"));
+        let text = serde_json::to_string(&status);
+        return text.map(|text| text + "\n").map_err(|error| Failure::new(Exit::BadData, error.to_string()));
     }
-    let mut status: Status = understood(status)?;
     if let Some(output) = &status.output {
         let (holders, _) = Machine::at(Path::new("/")).holders(Path::new(&output.path));
         let others = holders.iter().filter(|holder| holder.pid != status.pid);
@@ -184,18 +243,12 @@ fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failur
     Ok(status.to_string())
 }
 
-fn understood<T: serde::de::DeserializeOwned>(value: Value) -> Result<T, Failure> {
-    serde_json::from_value(value)
-        .map_err(|error| Failure::new(Exit::BadData, format!("gimbald answers what this program does not know: {error}")))
-}
-
 /// Runs `on` (true) or `off`.
 ///
 /// # Errors
 /// Where no daemon answers.
 pub fn switch(args: &Args, on: bool) -> Result<(), Failure> {
-    let answer = args.whom.connect()?.ask(if on { "on" } else { "off" })?;
-    let applied: Applied = understood(answer)?;
+    let applied = args.whom.connect()?.change(if on { &Request::On } else { &Request::Off })?;
     let state = if on { "on" } else { "off" };
     say(&if applied.changed.is_empty() { format!("was {state} already\n") } else { format!("{state}\n") })
 }
@@ -207,9 +260,9 @@ pub fn switch(args: &Args, on: bool) -> Result<(), Failure> {
 pub fn set(args: &SetArgs) -> Result<(), Failure> {
     let mut connection = args.whom.connect()?;
     for assignment in &args.assignments {
-        let applied: Applied = understood(connection.ask(&format!("set {assignment}"))?)?;
+        let applied = connection.change(&Request::Set(assignment.clone()))?;
         let what = if applied.changed.is_empty() { "is so already" } else { "set" };
-        say(&format!("{}: {what}\n", assignment.trim()))?;
+        say(&format!("{assignment}: {what}\n"))?;
     }
     Ok(())
 }
@@ -219,10 +272,10 @@ pub fn set(args: &SetArgs) -> Result<(), Failure> {
 /// # Errors
 /// Where no daemon answers, and where the configuration is wrong: then nothing has changed.
 pub fn reload(args: &Args) -> Result<(), Failure> {
-    let applied: Applied = understood(args.whom.connect()?.ask("reload")?)?;
+    let applied = args.whom.connect()?.change(&Request::Reload)?;
     let mut text = match applied.changed.as_slice() {
-        [] => "read anew; nothing changed\n".to_owned(),
-        changed => format!("read anew; changed: {}\n", changed.join(", ")),
+        [] => "read again; nothing changed\n".to_owned(),
+        changed => format!("read again; changed: {}\n", changed.join(", ")),
     };
     if !applied.restart.is_empty() {
         text += &format!("these need a restart, their old values count until then: {}\n", applied.restart.join(", "));
@@ -233,6 +286,13 @@ pub fn reload(args: &Args) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn several_daemons_have_a_label() {
+        let metrics = "# HELP a x y.\n# TYPE a gauge\na 1\nb{c=\"d e{\"} 2.5\n";
+        let expected = "# HELP a x y.\n# TYPE a gauge\na{service=\"de\\\\sk\"} 1\nb{service=\"de\\\\sk\",c=\"d e{\"} 2.5\n";
+        assert_eq!(labelled(metrics, "de\\sk"), expected);
+    }
 
     #[test]
     fn names_lead_to_sockets() {

@@ -1,6 +1,6 @@
 //! The table of every configuration key.
 
-use super::{Control, Key, Kind, Level, Metrics};
+use super::{Control, Key, Kind, Level};
 use crate::image::PixelFormat;
 use crate::stage::crop::{self, Border};
 use crate::stage::fit::Form;
@@ -352,14 +352,30 @@ pub const KEYS: &[Key] = &[
         live: false,
         kind: text!(control.group),
     },
-    Key {
-        name: "metrics.listen",
-        unit: "",
-        doc: "Address at which Prometheus is answered, on this machine alone; gimbald status --prometheus needs none.",
-        live: false,
-        kind: form!(metrics.listen, "\"off\" or a loopback address with port, as \"127.0.0.1:9464\"", Metrics::is_listen),
-    },
 ];
+
+/// A key of earlier versions that has no effect any more. Files that have it are read all the same.
+#[derive(Clone, Copy, Debug)]
+pub struct Retired {
+    /// Section and name.
+    pub name: &'static str,
+    /// The value, as TOML text, with which it had no effect in earlier versions either.
+    pub harmless: &'static str,
+    /// What to do in its place.
+    pub advice: &'static str,
+}
+
+/// Every such key.
+pub const RETIRED: &[Retired] = &[Retired {
+    name: "metrics.listen",
+    harmless: "off",
+    advice: "remove it; gimbald status --prometheus gives the same metrics, and the README, under Metrics, says how Prometheus gets them",
+}];
+
+/// The retired key of that name.
+pub fn retired(name: &str) -> Option<&'static Retired> {
+    RETIRED.iter().find(|key| key.name == name)
+}
 
 /// The key of that name.
 pub fn find(name: &str) -> Option<&'static Key> {

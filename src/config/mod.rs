@@ -12,5 +12,5 @@ mod shipped;
 
 pub use fault::{Fault, Faults, MOST_SHOWN, Origin};
 pub use key::{Key, Kind};
-pub use settings::{Capture, Control, Level, Log, Metrics, Output, Settings};
+pub use settings::{Capture, Control, Level, Log, Output, Settings};
 pub use shipped::{key_table, shipped_file};

@@ -9,9 +9,9 @@ use super::{Fault, Faults, Key, Origin, Settings, keys};
 /// Longest piece of somebody's input that a message repeats, characters.
 const SHOWN: usize = 60;
 
-/// Takes what the file `name` with content `text` says into `settings`, and what is wrong with it into `faults`, by line. Takes a time
+/// Takes what the file `file` with content `text` says into `settings`, and what is wrong with it into `faults`, by line. Takes a time
 /// that grows with the text's length and no faster.
-pub(super) fn file(name: &str, text: &str, settings: &mut Settings, faults: &mut Faults) {
+pub(super) fn file(file: &str, text: &str, settings: &mut Settings, faults: &mut Faults) {
     let (table, errors) = DeTable::parse_recoverable(text);
     let mut found: Vec<(usize, Problem<'_>)> = Vec::new();
     for error in &errors {
@@ -21,13 +21,18 @@ pub(super) fn file(name: &str, text: &str, settings: &mut Settings, faults: &mut
     flatten(table.get_ref(), "", text, &mut leaves);
     for leaf in leaves {
         let Leaf { name, written, source, start } = leaf;
+        if let Some(key) = keys::retired(&name) {
+            let origin = Origin::File { name: file.to_owned(), line: line_of(text, start) };
+            retire(key, &written, source, origin, settings);
+            continue;
+        }
         if let Some(problem) = put(name, written, source, settings) {
             found.push((start, problem));
         }
     }
     found.sort_by_key(|(start, _)| *start);
     for (start, problem) in found {
-        faults.add(|| problem.described(Origin::File { name: name.to_owned(), line: line_of(text, start) }));
+        faults.add(|| problem.described(Origin::File { name: file.to_owned(), line: line_of(text, start) }));
     }
 }
 
@@ -42,6 +47,10 @@ pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Faults) 
         Ok(value) => written(value.get_ref()),
         Err(_) => Written::Text(source.to_owned()),
     };
+    if let Some(key) = keys::retired(name) {
+        retire(key, &written, source, Origin::Set, settings);
+        return;
+    }
     if let Some(problem) = put(name.to_owned(), written, source, settings) {
         faults.add(|| problem.described(Origin::Set));
     }
@@ -77,6 +86,15 @@ fn written(value: &DeValue<'_>) -> Written {
         DeValue::String(text) => Written::Text(text.to_string()),
         DeValue::Boolean(truth) => Written::Truth(*truth),
         other => Written::Other(other.type_str()),
+    }
+}
+
+/// Notes a key that has no effect any more, unless its value never had one.
+fn retire(key: &keys::Retired, value: &Written, source: &str, origin: Origin, settings: &mut Settings) {
+    if *value != Written::Text(key.harmless.to_owned()) {
+        let setting = format!("{} = {}", key.name, shortened(source));
+        let what = "this key has no effect any more".to_owned();
+        settings.retired.push(Fault { origin, setting, what, advice: key.advice.to_owned() });
     }
 }
 

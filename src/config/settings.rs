@@ -1,10 +1,9 @@
 //! Everything that can be configured, part by part.
 
 use std::fmt;
-use std::net::SocketAddr;
 
 use super::read;
-use super::{Faults, Key, keys};
+use super::{Fault, Faults, Key, keys};
 use crate::device::v4l2::CaptureParams;
 use crate::image::PixelFormat;
 use crate::pipeline::Params;
@@ -22,8 +21,8 @@ pub struct Settings {
     pub log: Log,
     /// Who may talk to it.
     pub control: Control,
-    /// What is measured.
-    pub metrics: Metrics,
+    /// What was written and has no effect any more: nothing is wrong with the rest, so this is for a warning.
+    pub retired: Vec<Fault>,
 }
 
 /// How a camera is to be opened.
@@ -99,26 +98,6 @@ impl Control {
     /// Whether text says a socket's place.
     pub(super) fn is_place(text: &str) -> bool {
         matches!(text, "auto" | "off") || (text.starts_with('/') && !text.contains('\0') && text.len() < 100)
-    }
-}
-
-/// Where Prometheus may look.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Metrics {
-    /// A loopback address with its port, or "off".
-    pub listen: String,
-}
-
-impl Default for Metrics {
-    fn default() -> Self {
-        Self { listen: "off".into() }
-    }
-}
-
-impl Metrics {
-    /// Whether text is "off" or an address that other machines cannot reach.
-    pub(super) fn is_listen(text: &str) -> bool {
-        text == "off" || text.parse::<SocketAddr>().is_ok_and(|address| address.ip().is_loopback())
     }
 }
 

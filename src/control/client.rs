@@ -5,12 +5,17 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use serde_json::Value;
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
+
+use super::{Applied, Refusal, RefusalKind, Reply, Request, Status};
 
 /// A daemon that does not answer for this long hangs.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Bytes of an answer, at most.
-const LONGEST_ANSWER: u64 = 1 << 20;
+/// Pauses before a request is repeated on a new connection, where the daemon was too busy or hung up.
+const PAUSES: [Duration; 3] = [Duration::from_millis(50), Duration::from_millis(150), Duration::from_millis(400)];
+/// Bytes of a reply, at most.
+const LONGEST_REPLY: u64 = 1 << 20;
 
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
@@ -41,9 +46,23 @@ pub enum ClientError {
         /// What came instead.
         what: String,
     },
-    /// It says no.
-    #[error("{0}")]
-    Refused(String),
+    /// It ended the connection instead.
+    #[error("{path}: gimbald ended the connection; it may be busy with many others")]
+    HungUp {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// It answers what is no reply of this version.
+    #[error("{path}: gimbald answers what this program does not know: {what}; is it of another version? (gimbald doctor)")]
+    Unknown {
+        /// The socket.
+        path: PathBuf,
+        /// What is wrong with the reply.
+        what: String,
+    },
+    /// It refuses what was asked.
+    #[error("{}", .0.error)]
+    Refused(Refusal),
 }
 
 /// A way to a daemon.
@@ -59,34 +78,99 @@ impl Connection {
     /// # Errors
     /// Where nobody listens there.
     pub fn open(path: &Path) -> Result<Self, ClientError> {
-        let failed = |source: io::Error| match source.kind() {
-            io::ErrorKind::PermissionDenied => ClientError::Forbidden { path: path.into(), source },
-            _ => ClientError::Nobody { path: path.into(), source },
-        };
-        let stream = UnixStream::connect(path).map_err(failed)?;
-        stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
-        stream.set_write_timeout(Some(PATIENCE)).map_err(failed)?;
-        Ok(Self { path: path.into(), stream: BufReader::new(stream) })
+        Ok(Self { path: path.into(), stream: connected(path)? })
     }
 
-    /// Asks one thing. Line ends in `request` become spaces.
+    /// Asks one thing. Where the daemon is too busy, or has hung up since the last request, it is asked again a few times; what is
+    /// asked twice has the same effect.
     ///
     /// # Errors
-    /// Where no answer comes, and where the answer is no.
-    pub fn ask(&mut self, request: &str) -> Result<Value, ClientError> {
-        let silent = |what: String| ClientError::Silent { path: self.path.clone(), what };
-        let line = request.replace(['\n', '\r'], " ") + "\n";
-        self.stream.get_mut().write_all(line.as_bytes()).map_err(|error| silent(error.to_string()))?;
-        let mut answer = String::new();
-        let read = self.stream.by_ref().take(LONGEST_ANSWER).read_line(&mut answer);
-        read.map_err(|error| silent(error.to_string()))?;
-        if !answer.ends_with('\n') {
-            return Err(silent("the connection ended; it may be busy with many others".into()));
+    /// Where no reply comes, and where the reply is a refusal.
+    pub fn ask(&mut self, request: &Request) -> Result<Reply, ClientError> {
+        for pause in PAUSES {
+            match self.ask_once(request) {
+                Err(ClientError::HungUp { .. }) => {}
+                Err(ClientError::Refused(Refusal { kind: RefusalKind::Busy, .. })) => {}
+                other => return other,
+            }
+            std::thread::sleep(pause);
+            self.stream = connected(&self.path)?;
         }
-        let value: Value = serde_json::from_str(&answer).map_err(|error| silent(format!("no JSON: {error}")))?;
-        match value["ok"].as_bool() {
-            Some(true) => Ok(value),
-            _ => Err(ClientError::Refused(value["error"].as_str().unwrap_or("refused without a reason").to_owned())),
+        self.ask_once(request)
+    }
+
+    fn ask_once(&mut self, request: &Request) -> Result<Reply, ClientError> {
+        let failed = |error: io::Error| match error.kind() {
+            io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => ClientError::HungUp { path: self.path.clone() },
+            _ => ClientError::Silent { path: self.path.clone(), what: error.to_string() },
+        };
+        let line = request.line() + "\n";
+        let mut reply = String::new();
+        let sent = self.stream.get_mut().write_all(line.as_bytes());
+        // One who is dismissed has been told why, though nothing is taken of him any more.
+        let read = self.stream.by_ref().take(LONGEST_REPLY).read_line(&mut reply);
+        if !reply.ends_with('\n') {
+            sent.map_err(failed)?;
+            read.map_err(failed)?;
+            return Err(ClientError::HungUp { path: self.path.clone() });
+        }
+        match Reply::read(&reply) {
+            Ok(Reply::Refused(refusal)) => Err(ClientError::Refused(refusal)),
+            Ok(reply) => Ok(reply),
+            Err(what) => Err(self.other(&what)),
         }
     }
+
+    /// Asks for the status.
+    ///
+    /// # Errors
+    /// As [`Connection::ask`].
+    pub fn status(&mut self) -> Result<Status, ClientError> {
+        match self.ask(&Request::Status)? {
+            Reply::Status { status } => Ok(*status),
+            _ => Err(self.other("no status")),
+        }
+    }
+
+    /// Asks for the metrics, in Prometheus' text format.
+    ///
+    /// # Errors
+    /// As [`Connection::ask`].
+    pub fn metrics(&mut self) -> Result<String, ClientError> {
+        match self.ask(&Request::Prometheus)? {
+            Reply::Metrics { text } => Ok(text),
+            _ => Err(self.other("no metrics")),
+        }
+    }
+
+    /// Asks for a change: [`Request::On`], [`Request::Off`], [`Request::Set`] or [`Request::Reload`].
+    ///
+    /// # Errors
+    /// As [`Connection::ask`].
+    pub fn change(&mut self, request: &Request) -> Result<Applied, ClientError> {
+        match self.ask(request)? {
+            Reply::Applied(applied) => Ok(applied),
+            _ => Err(self.other("no list of what changed")),
+        }
+    }
+
+    fn other(&self, what: &str) -> ClientError {
+        ClientError::Unknown { path: self.path.clone(), what: what.to_owned() }
+    }
+}
+
+/// A connection on which nothing takes longer than [`PATIENCE`], connecting included: a daemon that is stopped accepts nobody.
+fn connected(path: &Path) -> Result<BufReader<UnixStream>, ClientError> {
+    let made = || -> io::Result<UnixStream> {
+        let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
+        set_socket_timeout(&socket, Timeout::Send, Some(PATIENCE))?;
+        set_socket_timeout(&socket, Timeout::Recv, Some(PATIENCE))?;
+        connect(&socket, &SocketAddrUnix::new(path)?)?;
+        Ok(UnixStream::from(socket))
+    };
+    made().map(BufReader::new).map_err(|source| match source.kind() {
+        io::ErrorKind::PermissionDenied => ClientError::Forbidden { path: path.into(), source },
+        io::ErrorKind::WouldBlock => ClientError::Silent { path: path.into(), what: "it accepts no connection".into() },
+        _ => ClientError::Nobody { path: path.into(), source },
+    })
 }

@@ -2,9 +2,12 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use super::notices::{About, Notices};
+use super::reload::Reloads;
 use super::{Status, Tally, Unusable};
 use crate::config::{Settings, keys};
 use crate::pipeline::{Live, Reason};
@@ -21,6 +24,8 @@ pub struct Desk {
     pub tally: Tally,
     state: Mutex<State>,
     reread: Reread,
+    pub(super) reloads: Reloads,
+    notices: Mutex<Notices>,
     systemd: Systemd,
     ready: AtomicBool,
 }
@@ -34,7 +39,6 @@ struct State {
 
 /// What came of a change of settings.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
-#[serde(default)]
 pub struct Applied {
     /// Keys that have a new value now.
     pub changed: Vec<String>,
@@ -56,6 +60,8 @@ impl Desk {
             tally: Tally::default(),
             state: Mutex::new(State { settings, restart: Vec::new() }),
             reread,
+            reloads: Reloads::default(),
+            notices: Mutex::default(),
             systemd,
             ready: AtomicBool::new(false),
         }
@@ -90,8 +96,13 @@ impl Desk {
         Ok(self.apply(&mut state, &wanted))
     }
 
+    /// A setting as it counts now, as TOML writes it.
+    pub(super) fn shown(&self, key: &str) -> String {
+        keys::find(key).map_or_else(String::new, |key| key.shown(&self.state().settings))
+    }
+
     /// Reads the configuration anew and takes all of it that can change while gimbald runs; the service manager is told of both
-    /// ends.
+    /// ends. Takes as long as the file does: [`Desk::reload_soon`] does not.
     ///
     /// # Errors
     /// What is wrong with the configuration; nothing has changed then.
@@ -102,23 +113,14 @@ impl Desk {
         }
         let read = (self.reread)();
         let done = read.map(|wanted| {
+            self.warn_of_retired(&wanted);
             let mut state = self.state();
             let applied = self.apply(&mut state, &wanted);
             state.restart.clone_from(&applied.restart);
             applied
         });
-        match &done {
-            Ok(Applied { changed, restart }) => {
-                let listed = |keys: &[String]| if keys.is_empty() { "nothing".into() } else { keys.join(", ") };
-                tracing::info!("configuration read anew; changed: {}", listed(changed));
-                if !restart.is_empty() {
-                    tracing::warn!(
-                        "these need a restart of gimbald, their old values count until then: {}",
-                        restart.join(", ")
-                    );
-                }
-            }
-            Err(what) => tracing::error!("the configuration was not taken, all stays as it was: {what}"),
+        if self.may_say(About::Reload, Instant::now()) {
+            say_reloaded(&done);
         }
         if ready {
             self.systemd.ready();
@@ -149,6 +151,14 @@ impl Desk {
         status
     }
 
+    /// Says what `settings` has that has no effect any more.
+    pub fn warn_of_retired(&self, settings: &Settings) {
+        if !settings.retired.is_empty() && self.may_say(About::Reload, Instant::now()) {
+            let retired: Vec<String> = settings.retired.iter().map(ToString::to_string).collect();
+            tracing::warn!("{}", retired.join("; "));
+        }
+    }
+
     /// Takes what is live of `wanted`.
     fn apply(&self, state: &mut State, wanted: &Settings) -> Applied {
         let mut applied = Applied::default();
@@ -170,6 +180,40 @@ impl Desk {
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether a line that a client caused may go into the log now; where not, it is counted.
+    pub(super) fn may_say(&self, about: About, now: Instant) -> bool {
+        self.notices().may_say(about, now)
+    }
+
+    /// Says how many lines were suppressed, when it is time.
+    pub(super) fn settle_notices(&self, now: Instant) {
+        self.notices().settle(now);
+    }
+
+    /// When it is time; `None` where nothing was suppressed.
+    pub(super) fn notices_due(&self) -> Option<Instant> {
+        self.notices().deadline()
+    }
+
+    fn notices(&self) -> MutexGuard<'_, Notices> {
+        self.notices.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What came of a reading, for the log.
+fn say_reloaded(done: &Result<Applied, String>) {
+    match done {
+        Ok(Applied { changed, restart }) => {
+            let listed = |keys: &[String]| if keys.is_empty() { "nothing".into() } else { keys.join(", ") };
+            let waiting = match restart.as_slice() {
+                [] => String::new(),
+                keys => format!("; these need a restart of gimbald, their old values count until then: {}", keys.join(", ")),
+            };
+            tracing::info!("configuration read again; changed: {}{waiting}", listed(changed));
+        }
+        Err(what) => tracing::error!("the configuration was not taken, all stays as it was: {what}"),
     }
 }
 

@@ -6,9 +6,6 @@ use super::tally::{AGE_BOUNDS_MS, State, Tally};
 use super::{Drops, Found, Frames, Status};
 use crate::pipeline::Reason;
 
-/// The media type of the text.
-pub(super) const MEDIA_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
-
 /// Writes metrics one by one.
 struct Text(String);
 

@@ -1,36 +1,61 @@
 //! What people say to a daemon that runs, and what it tells them: settings, counts, a socket.
 //!
 //! A [`Desk`] is shared by all threads of a daemon. The frame path writes its [`Tally`] (atomic numbers alone) and looks at its
-//! [`Live`](crate::pipeline::Live) settings; everything else happens on the [`Server`]'s thread.
+//! [`Live`](crate::pipeline::Live) settings. Requests are answered on the [`Server`]'s thread, which waits for no client and for no
+//! file: the configuration is read on a thread of its own ([`Desk::reload_soon`]).
 //!
 //! # Protocol
-//! A Unix stream socket. A request is one line of at most [`LONGEST_REQUEST`] bytes; its answer is one line of JSON, an object
-//! whose `ok` says whether it was done. Any number of requests may follow one another, each after the answer before.
+//! A Unix stream socket. A request is one line of UTF-8 text, at most [`LONGEST_REQUEST`] bytes and a line end (`\n`, or `\r\n`). Its
+//! reply is one line of JSON. Any number of requests may follow one another on a connection; replies come in their order.
 //!
-//! | request | answer, beside `"ok": true` |
-//! |---|---|
-//! | `status` | `status`: a [`Status`] |
-//! | `prometheus` | `text`: the same for Prometheus |
-//! | `on`, `off` | as `set` |
-//! | `set KEY=VALUE` | `changed`: keys that have a new value; `restart`: keys that wait for a restart |
-//! | `reload` | the same, after reading the configuration file anew |
+//! | request, in words | the same as JSON ([`Request`]) | reply ([`Reply`]), beside `"ok": true` |
+//! |---|---|---|
+//! | `status` | `"status"` | `status`: an object, a [`Status`] |
+//! | `prometheus` | `"prometheus"` | `text`: the same in Prometheus' text format, version 0.0.4 |
+//! | `on`, `off` | `"on"`, `"off"` | as `set` |
+//! | `set KEY=VALUE` | `{"set": "KEY=VALUE"}` | `changed`: keys that have a new value; `restart`: keys that wait for a restart |
+//! | `reload` | `"reload"` | the same, after reading the configuration file again |
 //!
-//! What cannot be done is answered `{"ok": false, "error": "..."}`. Who says nothing for a while, does not take his answers, or
-//! asks without end of line, is hung up on.
+//! What cannot be done is answered `{"ok": false, "error": "...", "kind": "..."}`: `error` is for people, `kind` is a
+//! [`RefusalKind`]: `request`, `setting`, `configuration`, `late`, or `busy`, after which the daemon hangs up. Later versions may add
+//! fields and kinds, and clients should pass over those that they do not know. A client that is hung up on may connect again.
+//!
+//! ```sh
+//! echo status | socat -t 5 - UNIX-CONNECT:/run/gimbald/control.sock
+//! ```
+//!
+//! # Limits
+//! [`Rules`] has them all. A connection may ask 20 requests a second (40 at once after a rest), a process 50, a user 100; what is asked
+//! beyond that waits, and who has asked least goes first. There are 64 places, 16 of them for root and the daemon's own user alone; a
+//! user has at most 32 and a process 16. Where they are taken, a newcomer displaces a connection of the process with most of them: one
+//! that asks too much, or the one that has been idle longest. A connection that asks nothing for a minute is ended, and so is one whose
+//! request takes more than ten seconds to arrive, or that takes its reply no faster. The log has ten lines a second about all this at
+//! most, and counts the others.
 
+mod allowance;
+mod answer;
 mod client;
 mod desk;
 mod exposition;
-mod request;
+mod folder;
+mod ledger;
+mod notices;
+mod reload;
+mod reply;
+pub mod request;
 mod server;
+mod session;
 mod socket;
 mod status;
 mod tally;
 
+pub use allowance::Rate;
 pub use client::{ClientError, Connection};
 pub use desk::{Applied, Desk, Reread};
-pub use request::LONGEST_REQUEST;
-pub use server::{Rules, Server};
+pub use ledger::Rules;
+pub use reply::{Refusal, RefusalKind, Reply};
+pub use request::{Assignment, LONGEST_REQUEST, Request, RequestError};
+pub use server::Server;
 pub use socket::{Place, default_paths};
 pub use status::{CameraNow, Drops, FormatLeft, Found, Frames, OutputNow, Spread, Status, Unusable};
 pub use tally::{Lost, State, Tally};

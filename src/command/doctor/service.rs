@@ -81,10 +81,8 @@ pub(super) fn frames(status: &Status) -> Vec<Finding> {
 
 /// What the daemon says of itself; with its status where it answers.
 pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
-    let answer = whom.connect().and_then(|mut connection| Ok(connection.ask("status")?));
-    let status = answer.map(|mut answer| serde_json::from_value::<Status>(answer["status"].take()));
-    match status {
-        Ok(Ok(status)) => {
+    match whom.connect().and_then(|mut connection| Ok(connection.status()?)) {
+        Ok(status) => {
             let mut what = format!("answers: {}, {}", status.state, status.what);
             if status.fps > 0.0 {
                 what += &format!(", {:.1} frames a second", status.fps);
@@ -102,7 +100,6 @@ pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
             };
             (finding, Some(status))
         }
-        Ok(Err(error)) => (Finding::note("daemon", format!("answers what this program does not know: {error}")), None),
         Err(failure) => (Finding::note("daemon", failure.message), None),
     }
 }

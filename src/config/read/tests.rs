@@ -152,6 +152,25 @@ fn values() -> impl Strategy<Value = String> {
     ]
 }
 
+#[test]
+fn a_retired_key_is_noted_and_takes_nothing_else_along() {
+    let text = "[metrics]\nlisten = \"127.0.0.1:9464\"\n[crop]\nzoom = 1.2\n";
+    let settings = Settings::read(Some(("g.toml", text)), &[]).unwrap();
+    assert_eq!(settings.pipeline.crop.zoom, 1.2);
+    let [retired] = settings.retired.as_slice() else { panic!("{:?}", settings.retired) };
+    let said = retired.to_string();
+    for part in ["g.toml:2: metrics.listen = \"127.0.0.1:9464\"", "no effect", "gimbald status --prometheus"] {
+        assert!(said.contains(part), "{part} in {said}");
+    }
+    let settings = Settings::read(None, &["metrics.listen=[::1]:9464".to_owned()]).unwrap();
+    assert!(settings.retired[0].to_string().starts_with("--set: metrics.listen"), "{settings:?}");
+    // as every file has it that began as the shipped one
+    let settings = Settings::read(Some(("g.toml", "[metrics]\nlisten = \"off\"\n")), &[]).unwrap();
+    assert_eq!(settings, Settings::default());
+    // no other key of that section ever was one
+    assert!(Settings::read(Some(("g.toml", "[metrics]\nport = 1\n")), &[]).is_err());
+}
+
 proptest! {
     #[test]
     fn random_bytes_are_settings_or_faults(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {

@@ -1,0 +1,85 @@
+//! How much of something is allowed: a token bucket. Time is an argument.
+
+use std::time::{Duration, Instant};
+
+/// So much a second in the long run, and so much at once after a rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate {
+    /// In a second; more than 0.
+    pub per_second: f64,
+    /// At once; at least 1.
+    pub burst: f64,
+}
+
+/// What is left of it.
+#[derive(Clone, Debug)]
+pub(super) struct Allowance {
+    rate: Rate,
+    level: f64,
+    at: Instant,
+}
+
+impl Allowance {
+    /// All of it.
+    pub(super) fn new(rate: Rate, now: Instant) -> Self {
+        Self { rate, level: rate.burst, at: now }
+    }
+
+    /// How much is left.
+    pub(super) fn level(&self, now: Instant) -> f64 {
+        let grown = now.saturating_duration_since(self.at).as_secs_f64() * self.rate.per_second;
+        (self.level + grown).min(self.rate.burst)
+    }
+
+    /// Whether one is left.
+    pub(super) fn has(&self, now: Instant) -> bool {
+        self.level(now) >= 1.0
+    }
+
+    /// Whether nothing has been taken that has not come back.
+    pub(super) fn is_full(&self, now: Instant) -> bool {
+        self.level(now) >= self.rate.burst
+    }
+
+    /// Takes one, or what is left.
+    pub(super) fn take(&mut self, now: Instant) {
+        (self.level, self.at) = ((self.level(now) - 1.0).max(0.0), now);
+    }
+
+    /// Takes one where one is left.
+    pub(super) fn try_take(&mut self, now: Instant) -> bool {
+        let has = self.has(now);
+        if has {
+            self.take(now);
+        }
+        has
+    }
+
+    /// How long it takes until one is left.
+    pub(super) fn wait(&self, now: Instant) -> Duration {
+        let missing = (1.0 - self.level(now)).max(0.0);
+        Duration::try_from_secs_f64(missing / self.rate.per_second).unwrap_or(Duration::from_secs(3600))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_burst_then_the_rate() {
+        let start = Instant::now();
+        let after = |ms: u64| start + Duration::from_millis(ms);
+        let mut allowance = Allowance::new(Rate { per_second: 10.0, burst: 3.0 }, start);
+        assert!((0..3).all(|_| allowance.try_take(start)) && !allowance.try_take(start));
+        assert!(allowance.wait(start).as_millis().abs_diff(100) <= 1);
+        assert!(!allowance.try_take(after(90)) && allowance.try_take(after(101)) && !allowance.try_take(after(102)));
+        assert!(!allowance.is_full(after(300)) && allowance.is_full(after(1000)));
+        assert!(allowance.level(after(100_000)) <= 3.0, "a long rest gives no more than the burst");
+        (0..100).for_each(|_| allowance.take(after(100_000)));
+        assert!(allowance.wait(after(100_000)).as_millis() <= 100, "nothing is owed");
+        assert_eq!(allowance.wait(after(200_000)), Duration::ZERO);
+        // time that goes backwards, as between two threads' clocks, gives nothing
+        assert!(allowance.level(start) <= 3.0);
+    }
+}

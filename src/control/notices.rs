@@ -1,0 +1,119 @@
+//! Log lines that clients cause: at most so many a second, and a count of the others.
+
+use std::time::{Duration, Instant};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// What the lines are about. Together they are at most ten a second.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum About {
+    /// A request that was refused.
+    Refusal,
+    /// A setting that was changed.
+    Change,
+    /// The configuration that was read again.
+    Reload,
+    /// A connection that was refused or ended.
+    Connection,
+}
+
+impl About {
+    const ALL: [Self; 4] = [Self::Refusal, Self::Change, Self::Reload, Self::Connection];
+
+    /// Lines a second; one more may say how many were suppressed.
+    fn most(self) -> u32 {
+        match self {
+            Self::Refusal | Self::Connection => 1,
+            Self::Change | Self::Reload => 2,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Refusal => "refused requests",
+            Self::Change => "changed settings",
+            Self::Reload => "reloads",
+            Self::Connection => "connections",
+        }
+    }
+}
+
+/// The counts of the second that runs, for each subject.
+#[derive(Debug, Default)]
+pub(super) struct Notices([Count; About::ALL.len()]);
+
+#[derive(Debug, Default)]
+struct Count {
+    /// When the second began; `None` where nothing was said since the last.
+    since: Option<Instant>,
+    said: u32,
+    suppressed: u64,
+}
+
+impl Notices {
+    /// Whether a line about this may be written now; where not, it is counted.
+    pub(super) fn may_say(&mut self, about: About, now: Instant) -> bool {
+        self.settle(now);
+        let count = &mut self.0[about as usize];
+        count.since.get_or_insert(now);
+        let may = count.said < about.most();
+        if may {
+            count.said += 1;
+        } else {
+            count.suppressed += 1;
+        }
+        may
+    }
+
+    /// Writes what was suppressed in seconds that are over.
+    pub(super) fn settle(&mut self, now: Instant) {
+        for (about, suppressed) in self.over(now) {
+            tracing::warn!("{suppressed} more suppressed: {}", about.name());
+        }
+    }
+
+    fn over(&mut self, now: Instant) -> Vec<(About, u64)> {
+        let mut told = Vec::new();
+        for (count, about) in self.0.iter_mut().zip(About::ALL) {
+            if count.since.is_some_and(|since| now.saturating_duration_since(since) >= SECOND) {
+                if count.suppressed > 0 {
+                    told.push((about, count.suppressed));
+                }
+                *count = Count::default();
+            }
+        }
+        told
+    }
+
+    /// When [`Notices::settle`] has something to write at the latest.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        self.0.iter().filter(|count| count.suppressed > 0).filter_map(|count| Some(count.since? + SECOND)).min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_lines_a_second_whatever_happens_and_all_are_counted() {
+        let start = Instant::now();
+        let mut notices = Notices::default();
+        assert_eq!(notices.deadline(), None);
+        let most: u32 = About::ALL.iter().map(|about| about.most() + 1).sum();
+        assert_eq!(most, 10);
+        let (mut said, mut suppressed) = (0, 0);
+        for ms in 0..3500 {
+            let now = start + Duration::from_millis(ms);
+            suppressed += notices.over(now).iter().map(|(_, count)| count).sum::<u64>();
+            for about in About::ALL {
+                said += u64::from(notices.may_say(about, now));
+            }
+        }
+        assert_eq!(said, 4 * 6, "four seconds began");
+        assert!(notices.deadline().is_some_and(|at| at <= start + Duration::from_millis(4000)));
+        suppressed += notices.over(start + Duration::from_secs(5)).iter().map(|(_, count)| count).sum::<u64>();
+        assert_eq!(said + suppressed, 4 * 3500);
+        assert_eq!(notices.deadline(), None);
+    }
+}

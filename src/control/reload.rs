@@ -1,0 +1,177 @@
+//! Reading the configuration again on a thread of its own: whoever answers or listens for signals never waits for a file.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use crossbeam_channel::Sender;
+
+use super::allowance::{Allowance, Rate};
+use super::{Applied, Desk};
+use crate::rt::wake::Wake;
+
+/// Readings a second, at most; askers who are more share one.
+const READINGS: Rate = Rate { per_second: 10.0, burst: 10.0 };
+
+/// What came of one reading.
+#[derive(Clone, Debug)]
+pub(super) struct Reloaded {
+    /// Everybody whose ticket is at most this has his answer.
+    pub(super) ticket: u64,
+    /// What [`Desk::reload`] says.
+    pub(super) result: Result<Applied, String>,
+}
+
+/// The readings of a desk.
+#[derive(Debug, Default)]
+pub(super) struct Reloads(Mutex<Readings>);
+
+#[derive(Debug, Default)]
+struct Readings {
+    /// The newest ticket that was given out; its reading has begun or will.
+    asked: u64,
+    /// The ticket of the newest reading that has begun.
+    begun: u64,
+    /// Whether there is a thread that sees to it.
+    busy: bool,
+    allowance: Option<Allowance>,
+    /// Who is told, and the bell to ring then.
+    listener: Option<(Sender<Reloaded>, Wake)>,
+}
+
+impl Reloads {
+    fn readings(&self) -> MutexGuard<'_, Readings> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells from now on `sender` what comes of each reading, and rings `wake`.
+    pub(super) fn listen(&self, sender: Sender<Reloaded>, wake: Wake) {
+        self.readings().listener = Some((sender, wake));
+    }
+
+    fn tell(&self, told: Reloaded) {
+        if let Some((sender, wake)) = &self.readings().listener {
+            // Where nobody listens any more, nobody waits either.
+            let _ = sender.send(told);
+            wake.ring();
+        }
+    }
+
+    /// The ticket of the next reading, once it may begin; `None` where nobody waits for one.
+    fn begin(&self) -> Option<u64> {
+        loop {
+            let mut readings = self.readings();
+            if readings.begun == readings.asked {
+                readings.busy = false;
+                return None;
+            }
+            let now = Instant::now();
+            let allowance = readings.allowance.get_or_insert_with(|| Allowance::new(READINGS, now));
+            if allowance.try_take(now) {
+                readings.begun = readings.asked;
+                return Some(readings.begun);
+            }
+            let wait = allowance.wait(now);
+            drop(readings);
+            std::thread::sleep(wait);
+        }
+    }
+}
+
+impl Desk {
+    /// Has the configuration read again soon, on another thread, and returns the ticket of that reading: one that begins after this
+    /// call, so that it sees what is in the file now. What comes of it is in the log, and told to whoever listens.
+    pub fn reload_soon(self: &Arc<Self>) -> u64 {
+        let mut readings = self.reloads.readings();
+        if readings.asked == readings.begun {
+            readings.asked += 1;
+        }
+        let ticket = readings.asked;
+        if readings.busy {
+            return ticket;
+        }
+        readings.busy = true;
+        drop(readings);
+        let desk = self.clone();
+        // Nobody joins it: a file system that does not answer must not keep the daemon from ending.
+        let thread = std::thread::Builder::new().name("reload".into()).spawn(move || {
+            while let Some(ticket) = desk.reloads.begin() {
+                let result = desk.reload();
+                desk.reloads.tell(Reloaded { ticket, result });
+            }
+        });
+        if let Err(error) = thread {
+            let what = format!("cannot start a thread to read the configuration: {error}");
+            tracing::error!("{what}");
+            let mut readings = self.reloads.readings();
+            (readings.busy, readings.begun) = (false, ticket);
+            drop(readings);
+            self.reloads.tell(Reloaded { ticket, result: Err(what) });
+        }
+        ticket
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Settings;
+    use crate::systemd::Systemd;
+    use crossbeam_channel::{bounded, unbounded};
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+    use std::time::Duration;
+
+    const LONG: Duration = Duration::from_secs(30);
+
+    #[test]
+    fn who_asks_while_the_file_is_read_gets_the_next_reading_and_all_of_them_the_same() {
+        let (begun, has_begun) = unbounded();
+        let (go_on, may_go_on) = bounded::<()>(0);
+        let count = Arc::new(AtomicU32::new(0));
+        let counted = count.clone();
+        let read = move || {
+            counted.fetch_add(1, Relaxed);
+            begun.send(()).unwrap();
+            may_go_on.recv().map_err(|_| "over".to_owned())?;
+            Ok(Settings::default())
+        };
+        let desk = Arc::new(Desk::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let (sender, told) = unbounded();
+        let wake = Wake::new().unwrap();
+        desk.reloads.listen(sender, wake.clone());
+        let first = desk.reload_soon();
+        has_begun.recv_timeout(LONG).unwrap();
+        let second = desk.reload_soon();
+        assert!(second > first);
+        assert!((0..1000).all(|_| desk.reload_soon() == second), "they share it");
+        go_on.send_timeout((), LONG).unwrap();
+        assert_eq!(told.recv_timeout(LONG).unwrap().ticket, first);
+        assert!(wake.wait(LONG));
+        go_on.send_timeout((), LONG).unwrap();
+        let reloaded = told.recv_timeout(LONG).unwrap();
+        assert_eq!((reloaded.ticket, reloaded.result), (second, Ok(Applied::default())));
+        assert_eq!(count.load(Relaxed), 2);
+        drop(go_on);
+        let third = desk.reload_soon();
+        let reloaded = told.recv_timeout(LONG).unwrap();
+        assert_eq!((reloaded.ticket, reloaded.result), (third, Err("over".into())));
+    }
+
+    #[test]
+    fn readings_have_a_rate() {
+        let count = Arc::new(AtomicU32::new(0));
+        let counted = count.clone();
+        let read = move || {
+            counted.fetch_add(1, Relaxed);
+            Ok(Settings::default())
+        };
+        let desk = Arc::new(Desk::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let begun = Instant::now();
+        let mut asked = 0;
+        while begun.elapsed() < Duration::from_millis(500) {
+            asked = desk.reload_soon();
+        }
+        assert!(asked > 0);
+        let most = READINGS.burst + READINGS.per_second * begun.elapsed().as_secs_f64() + 1.0;
+        assert!(f64::from(count.load(Relaxed)) <= most, "{} readings", count.load(Relaxed));
+    }
+}

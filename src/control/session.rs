@@ -1,0 +1,329 @@
+//! One client's connection, at the daemon's end: what was read of it, and what it has yet to take. It never waits.
+
+use std::fmt;
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+use std::time::{Duration, Instant};
+
+use rustix::event::PollFlags;
+
+use super::allowance::Allowance;
+use super::{LONGEST_REQUEST, Reply, RequestError, Rules};
+
+/// The user id that stands for every user who has none in this user namespace. With systemd's PrivateUsers= these are all but root
+/// and the service's own.
+const UNMAPPED: u32 = 65534;
+
+/// Bytes that are read at once.
+const READ: usize = 4096;
+
+/// The process at the other end, as the kernel had it when it connected.
+#[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
+pub(super) struct Peer {
+    /// Its user.
+    pub(super) uid: u32,
+    /// Its number; 0 for one in another process namespace.
+    pub(super) pid: i32,
+}
+
+impl Peer {
+    /// Who is at the other end of `stream`.
+    pub(super) fn of(stream: &UnixStream) -> Self {
+        let asked = rustix::net::sockopt::socket_peercred(stream);
+        asked.map_or(Self { uid: UNMAPPED, pid: 0 }, |who| Self { uid: who.uid.as_raw(), pid: who.pid.as_raw_pid() })
+    }
+
+    /// Whether it is root or the daemon's own user. Who has no user id here is neither, even where the daemon runs as that user.
+    pub(super) fn is_trusted(self) -> bool {
+        self.uid != UNMAPPED && (self.uid == 0 || self.uid == rustix::process::geteuid().as_raw())
+    }
+}
+
+impl fmt::Display for Peer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.uid {
+            UNMAPPED => write!(f, "process {} of another user", self.pid),
+            uid => write!(f, "process {} of uid {uid}", self.pid),
+        }
+    }
+}
+
+/// What a session is at.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum At {
+    /// Nothing was asked.
+    Rest,
+    /// A request has begun to arrive.
+    Arriving,
+    /// A whole request waits for its turn.
+    Ready,
+    /// The reply comes when the configuration has been read.
+    Reloading,
+    /// A reply waits to be taken. Nothing is read meanwhile, so a client that takes nothing cannot make it grow.
+    Giving,
+}
+
+/// A connection.
+#[derive(Debug)]
+pub(super) struct Session {
+    stream: UnixStream,
+    pub(super) peer: Peer,
+    pub(super) trusted: bool,
+    /// Requests that this connection may still have answered.
+    pub(super) allowance: Allowance,
+    input: Vec<u8>,
+    /// Bytes of the first whole line in `input`, its end not counted.
+    line: Option<usize>,
+    output: Vec<u8>,
+    /// The ticket of the reading that is waited for.
+    reload: Option<u64>,
+    /// Hung up on when the reply is taken.
+    last: bool,
+    /// The client says no more.
+    ended: bool,
+    /// Since when it has been at what it is at.
+    since: Instant,
+}
+
+impl Session {
+    /// A connection that was just accepted; `None` where it cannot be served without waiting.
+    pub(super) fn new(stream: UnixStream, peer: Peer, rules: &Rules, now: Instant) -> Option<Self> {
+        stream.set_nonblocking(true).ok()?;
+        Some(Self {
+            stream,
+            peer,
+            trusted: peer.is_trusted(),
+            allowance: Allowance::new(rules.connection, now),
+            input: Vec::new(),
+            line: None,
+            output: Vec::new(),
+            reload: None,
+            last: false,
+            ended: false,
+            since: now,
+        })
+    }
+
+    /// What it is at.
+    pub(super) fn at(&self) -> At {
+        if !self.output.is_empty() {
+            At::Giving
+        } else if self.reload.is_some() {
+            At::Reloading
+        } else if self.line.is_some() {
+            At::Ready
+        } else if self.input.is_empty() {
+            At::Rest
+        } else {
+            At::Arriving
+        }
+    }
+
+    /// Since when.
+    pub(super) fn since(&self) -> Instant {
+        self.since
+    }
+
+    /// The descriptor and what to wait for; `None` where it is not the client that is waited for.
+    pub(super) fn wish(&self) -> Option<(BorrowedFd<'_>, PollFlags)> {
+        let wish = match self.at() {
+            At::Giving => PollFlags::OUT,
+            At::Rest | At::Arriving => PollFlags::IN,
+            At::Ready | At::Reloading => return None,
+        };
+        Some((self.stream.as_fd(), wish))
+    }
+
+    /// How long it may stay at what it is at; `None` where it is not its doing.
+    pub(super) fn patience(&self, rules: &Rules) -> Option<Duration> {
+        match self.at() {
+            At::Rest => Some(rules.idle),
+            At::Arriving | At::Giving => Some(rules.slow),
+            At::Reloading => Some(rules.reading),
+            At::Ready => None,
+        }
+    }
+
+    /// Reads or writes what goes at once; false when the connection is over.
+    pub(super) fn talk(&mut self, now: Instant) -> bool {
+        match self.at() {
+            At::Giving => self.give(now),
+            At::Rest | At::Arriving => self.hear(now),
+            At::Ready | At::Reloading => true,
+        }
+    }
+
+    fn hear(&mut self, now: Instant) -> bool {
+        let mut buffer = [0; READ];
+        let rested = self.input.is_empty();
+        match self.stream.read(&mut buffer) {
+            Ok(0) => self.ended = true,
+            Ok(read) => self.input.extend_from_slice(&buffer[..read]),
+            Err(error) => return is_passing(error.kind()),
+        }
+        self.find_line();
+        if rested || self.line.is_some() {
+            self.since = now;
+        }
+        // With room for the \r of a line end.
+        if self.line.is_none() && self.input.len() > LONGEST_REQUEST + 1 {
+            self.input = Vec::new();
+            self.last = true;
+            return self.reply(&Reply::Refused(RequestError::TooLong.into()), now);
+        }
+        !self.is_over()
+    }
+
+    fn find_line(&mut self) {
+        self.line = self.input.iter().position(|byte| *byte == b'\n');
+    }
+
+    /// Takes the request whose turn it is out of what was read, without its line end.
+    pub(super) fn take_line(&mut self, now: Instant) -> Option<Vec<u8>> {
+        let length = self.line?;
+        let mut line: Vec<u8> = self.input.drain(..=length).collect();
+        line.pop();
+        if line.ends_with(b"\r") {
+            line.pop();
+        }
+        self.find_line();
+        self.since = now;
+        Some(line)
+    }
+
+    /// Has the session wait for the reading with this ticket.
+    pub(super) fn await_reload(&mut self, ticket: u64, now: Instant) {
+        (self.reload, self.since) = (Some(ticket), now);
+    }
+
+    /// Whether it waits for the reading with this ticket or an earlier one, which it does no more then.
+    pub(super) fn has_awaited(&mut self, ticket: u64) -> bool {
+        self.reload.take_if(|waited| *waited <= ticket).is_some()
+    }
+
+    /// Replies; false when the connection is over.
+    pub(super) fn reply(&mut self, reply: &Reply, now: Instant) -> bool {
+        self.output = reply.line().into_bytes();
+        self.since = now;
+        self.give(now)
+    }
+
+    fn give(&mut self, now: Instant) -> bool {
+        match self.stream.write(&self.output) {
+            Ok(0) => return false,
+            Ok(written) => drop(self.output.drain(..written)),
+            Err(error) => return is_passing(error.kind()),
+        }
+        if self.output.is_empty() {
+            // Gives back the memory of a long reply.
+            self.output = Vec::new();
+            self.since = now;
+        }
+        !self.is_over()
+    }
+
+    /// Tells why the connection ends, where nothing else is being told.
+    pub(super) fn dismiss(&self, why: &Reply) {
+        if self.at() != At::Giving {
+            dismiss(&self.stream, why);
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        match self.at() {
+            At::Giving => false,
+            At::Reloading | At::Ready => self.last,
+            At::Rest | At::Arriving => self.last || self.ended,
+        }
+    }
+}
+
+/// Tells one who is not served why, as far as this goes at once.
+pub(super) fn dismiss(mut stream: &UnixStream, why: &Reply) {
+    let _ = stream.set_nonblocking(true);
+    let _ = stream.write(why.line().as_bytes());
+}
+
+fn is_passing(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pair() -> (UnixStream, Session) {
+        let (client, stream) = UnixStream::pair().unwrap();
+        let peer = Peer::of(&stream);
+        (client, Session::new(stream, peer, &Rules::default(), Instant::now()).unwrap())
+    }
+
+    #[test]
+    fn requests_come_in_pieces_and_several_at_once() {
+        let (mut client, mut session) = pair();
+        let now = Instant::now();
+        assert_eq!((session.at(), session.trusted), (At::Rest, true));
+        client.write_all(b"sta").unwrap();
+        assert!(session.talk(now) && session.at() == At::Arriving);
+        client.write_all(b"tus\r\non\nof").unwrap();
+        assert!(session.talk(now) && session.at() == At::Ready && session.wish().is_none());
+        assert_eq!(session.take_line(now).as_deref(), Some(&b"status"[..]));
+        assert_eq!(session.take_line(now).as_deref(), Some(&b"on"[..]));
+        assert_eq!((session.at(), session.take_line(now)), (At::Arriving, None));
+        client.shutdown(std::net::Shutdown::Write).unwrap();
+        assert!(!session.talk(now), "half a request and no more to come");
+    }
+
+    #[test]
+    fn who_says_no_more_still_gets_the_replies() {
+        let (mut client, mut session) = pair();
+        let now = Instant::now();
+        client.write_all(b"status\n").unwrap();
+        client.shutdown(std::net::Shutdown::Write).unwrap();
+        assert!(session.talk(now));
+        session.take_line(now).unwrap();
+        session.await_reload(3, now);
+        assert!(session.talk(now) && !session.has_awaited(2) && session.has_awaited(3) && !session.has_awaited(3));
+        assert!(session.reply(&Reply::Metrics { text: "x".into() }, now), "it is not known yet that there is no more");
+        assert!(!session.talk(now));
+        drop(session);
+        let mut text = String::new();
+        client.read_to_string(&mut text).unwrap();
+        assert_eq!(text, "{\"ok\":true,\"text\":\"x\"}\n");
+    }
+
+    #[test]
+    fn what_is_not_taken_is_not_added_to() {
+        let (client, mut session) = pair();
+        let now = Instant::now();
+        let long = Reply::Metrics { text: "x".repeat(4 << 20) };
+        (&client).write_all(b"status\nstatus\n").unwrap();
+        assert!(session.talk(now));
+        session.take_line(now).unwrap();
+        assert!(session.reply(&long, now) && session.at() == At::Giving);
+        assert!(session.talk(now) && session.at() == At::Giving);
+        assert_eq!(session.patience(&Rules::default()), Some(Rules::default().slow));
+        drop(client);
+        assert!(!session.talk(now));
+    }
+
+    #[test]
+    fn a_line_without_end_is_refused() {
+        let (client, mut session) = pair();
+        let now = Instant::now();
+        (&client).write_all(&[b'x'; LONGEST_REQUEST + 1]).unwrap();
+        assert!(session.talk(now) && session.talk(now) && session.at() == At::Arriving);
+        (&client).write_all(b"x").unwrap();
+        assert!(!session.talk(now) && session.input.capacity() == 0);
+    }
+
+    #[test]
+    fn who_has_no_user_here_is_not_trusted() {
+        assert!(Peer { uid: 0, pid: 1 }.is_trusted());
+        assert!(Peer { uid: rustix::process::geteuid().as_raw(), pid: 1 }.is_trusted());
+        let stranger = Peer { uid: UNMAPPED, pid: 7 };
+        assert!(!stranger.is_trusted());
+        assert_eq!(stranger.to_string(), "process 7 of another user");
+    }
+}
