@@ -2,6 +2,7 @@
 
 mod attended;
 mod audience;
+mod cameras;
 mod demand;
 mod memory;
 mod pulse;
@@ -15,7 +16,7 @@ use crossbeam_channel::{RecvTimeoutError, bounded};
 
 use crate::config::Settings;
 use crate::control::{CameraNow, Desk, OutputNow, Server, State};
-use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News, find_again};
+use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
 use crate::pipeline::{Params, Totals, run_live};
@@ -24,6 +25,7 @@ use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 use attended::{Attended, Notes};
+use cameras::Cameras;
 use memory::{Memory, Mode};
 use pulse::{Pulse, attend};
 use recovery::{FormatsLeft, Recovery, Step};
@@ -43,9 +45,6 @@ const SETTLED: Duration = Duration::from_millis(100);
 
 /// A camera that takes longer than this to open is no sign of life.
 const LONGEST_OPENING: Duration = Duration::from_secs(10);
-
-/// "auto" waits this long for the camera that it had, before it takes another.
-const FAITHFUL: Duration = Duration::from_secs(10);
 
 /// Size and rate of a camera that was never seen.
 const USUAL: (u32, u32, f64) = (1280, 720, 30.0);
@@ -77,6 +76,8 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let server = Server::open(&settings.control, Systemd::runtime_directory());
     let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let watched = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let cameras = Cameras::default();
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.
         let _bell = RingAtEnd(&done);
@@ -91,7 +92,15 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
             let serving = std::thread::Builder::new().name("control".into()).spawn_scoped(scope, serving);
             serving.map_err(|error| DeviceError::io("control thread", "start", error))?;
         }
-        let hotplug = Hotplug::new().inspect_err(|error| tracing::warn!(%error, "devices that come are seen later")).ok();
+        let listen = || Hotplug::new().inspect_err(|error| tracing::warn!(%error, "devices that come are seen later")).ok();
+        let hotplug = listen();
+        let _watched = RingAtEnd(&watched);
+        if let Some(plugs) = listen() {
+            let (cameras, watched) = (&cameras, &watched);
+            let watching = move || cameras.watch(&plugs, watched);
+            let watching = std::thread::Builder::new().name("cameras".into()).spawn_scoped(scope, watching);
+            watching.map_err(|error| DeviceError::io("cameras thread", "start", error))?;
+        }
         let mut life = Life {
             settings,
             desk,
@@ -103,8 +112,7 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
             patient: systemd.listens(),
             born: Instant::now(),
             screen: None,
-            known: None,
-            lost: None,
+            cameras: &cameras,
             backoff: Backoff::default(),
             recovery: Recovery::new(),
             formats_left: FormatsLeft::default(),
@@ -170,9 +178,7 @@ struct Life<'a> {
     born: Instant,
     /// Opened first and kept: who watches it never loses it.
     screen: Option<Screen>,
-    /// Name and bus of the camera that was open last, and when it was lost.
-    known: Option<(String, String)>,
-    lost: Option<Instant>,
+    cameras: &'a Cameras,
     backoff: Backoff,
     /// What is done where the camera's frames cannot be used, and the formats that were left for that.
     recovery: Recovery,
@@ -234,8 +240,12 @@ impl Life<'_> {
 
     /// Opens the loopback in the size that the camera would have, or in the likeliest where it cannot be asked. `None`: it is open.
     fn open_screen(&mut self) -> Option<Ended> {
-        let format = match Capture::probe(&self.camera_params()) {
-            Ok(format) => format,
+        let probed = self.camera_params().and_then(|params| Capture::probe(&params));
+        let format = match probed {
+            Ok((format, path)) => {
+                self.cameras.opened(&path);
+                format
+            }
             Err(error) => match self.judge(error) {
                 Ended::Failed(error) => return Some(Ended::Failed(error)),
                 _ => self.likely_format(),
@@ -261,25 +271,10 @@ impl Life<'_> {
         StreamFormat::tight(width, height, PixelFormat::Yuyv, interval)
     }
 
-    /// What to ask for: the camera of the settings, and where that name is gone, the one that was open last under its new name.
-    fn camera_params(&self) -> CaptureParams {
-        let mut params = self.settings.camera.params();
-        params.avoid = self.formats_left.avoided();
-        let Some((card, bus)) = &self.known else { return params };
-        let device = params.device.trim().to_lowercase();
-        let is_number = !device.is_empty() && device.bytes().all(|byte| byte.is_ascii_digit());
-        let path = if is_number { format!("/dev/video{device}") } else { device.clone() };
-        let is_auto = device.is_empty() || device == "auto";
-        let is_gone = path.starts_with('/') && !std::path::Path::new(&path).exists();
-        if is_auto || is_gone {
-            match find_again(card, bus) {
-                Some(path) => params.device = path.display().to_string(),
-                // The whole name, so that no other camera answers to it.
-                None if is_auto && self.lost.is_some_and(|lost| lost.elapsed() < FAITHFUL) => params.device.clone_from(card),
-                None => {}
-            }
-        }
-        params
+    /// What to ask for: the camera of the settings, and once it was open, that one.
+    fn camera_params(&self) -> Result<CaptureParams, DeviceError> {
+        let asked = CaptureParams { avoid: self.formats_left.avoided(), ..self.settings.camera.params() };
+        self.cameras.params(asked)
     }
 
     /// Whether the camera should be open.
@@ -294,7 +289,7 @@ impl Life<'_> {
             Err(ended) => return ended,
         };
         self.report.cameras += 1;
-        (self.known, self.lost) = (Some(camera.name_and_bus()), None);
+        self.cameras.opened(camera.path());
         let format = camera.format();
         if let Some(screen) = &self.screen
             && !screen.fits(&format)
@@ -349,7 +344,6 @@ impl Life<'_> {
             }
             Err(error) if failed => {
                 self.recovery = Recovery::new();
-                self.lost = Some(Instant::now());
                 self.judge(error)
             }
             Err(error) => Ended::ScreenWaits(error),
@@ -384,7 +378,8 @@ impl Life<'_> {
 
     /// Opens the camera, which may take its time; those who watch get their pictures meanwhile.
     fn open_camera(&mut self) -> Result<Capture, Ended> {
-        let (params, wake, started) = (self.camera_params(), self.wake.clone(), Instant::now());
+        let params = self.camera_params().map_err(Ended::CameraWaits)?;
+        let (wake, started) = (self.wake.clone(), Instant::now());
         let (done, opened) = bounded(1);
         std::thread::scope(|scope| {
             let open = move || {

@@ -18,6 +18,9 @@ fn list(devices: &[DeviceInfo], to: &mut dyn Write) -> io::Result<()> {
     devices.iter().try_for_each(|device| writeln!(to, "{device}\n"))?;
     if !devices.iter().any(|device| device.capture && !device.output) {
         writeln!(to, "No camera: plug one in; where there is one, see whether you may read /dev/video* (group video).")?;
+        if devices.iter().any(|device| device.stage) {
+            writeln!(to, "CSI cameras go through libcamera, into a loopback of their own: see the README.")?;
+        }
     }
     if !devices.iter().any(|device| device.output) {
         writeln!(

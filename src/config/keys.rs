@@ -88,7 +88,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "camera.device",
         unit: "",
-        doc: "The camera: a path as /dev/video0, a number, or a part of its name; \"auto\" takes the first camera found.",
+        doc: "The camera: a path (/dev/v4l/by-id/... is always the same camera), a number, or a part of its name; \"auto\" takes the first camera found.",
         live: false,
         kind: text!(camera.device),
     },

@@ -2,18 +2,20 @@
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
 use super::super::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
-use super::find::find;
-use super::mode::{Mode, Wish, choose};
-use super::negotiate::{check_camera, modes, set_mode, unsupported};
+use super::find::candidates;
+use super::mode::Wish;
+use super::negotiate::set_mode;
 use super::node::{Direction, Node};
 use super::queue::{Queue, Returned};
+use super::select::{Selected, best};
+use super::sighting::{Roots, Sighting};
 use super::stall::Stall;
 use super::timeline::Timeline;
 use super::transfers::{Holds, Transfers};
@@ -29,8 +31,12 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// Which camera, and what to ask of it; what is `None` is chosen by [`choose`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaptureParams {
-    /// Number, path or card name, as [`find`] takes it.
+    /// Number, path or card name, as [`super::find`] takes it.
     pub device: String,
+    /// Where the camera is known to be: one of these nodes, and no other. Empty: it is searched for, by `device`.
+    pub nodes: Vec<Sighting>,
+    /// Nodes that are not looked at in that search.
+    pub except: Vec<PathBuf>,
     /// Layout of the frames.
     pub format: Option<PixelFormat>,
     /// Luma samples in a row.
@@ -47,7 +53,17 @@ pub struct CaptureParams {
 
 impl Default for CaptureParams {
     fn default() -> Self {
-        Self { device: "auto".into(), format: None, width: None, height: None, fps: None, avoid: Vec::new(), buffers: 6 }
+        Self {
+            device: "auto".into(),
+            nodes: Vec::new(),
+            except: Vec::new(),
+            format: None,
+            width: None,
+            height: None,
+            fps: None,
+            avoid: Vec::new(),
+            buffers: 6,
+        }
     }
 }
 
@@ -134,12 +150,13 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// The format in which the camera would give its frames; it is not started (no light comes on), but left in that format.
+    /// The format in which the camera would give its frames, and its node; it is not started (no light comes on), but left in
+    /// that format.
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn probe(params: &CaptureParams) -> Result<StreamFormat, DeviceError> {
-        agree(params).map(|agreed| agreed.format)
+    pub fn probe(params: &CaptureParams) -> Result<(StreamFormat, PathBuf), DeviceError> {
+        agree(params).map(|agreed| (agreed.format, agreed.node.path().to_path_buf()))
     }
 
     /// Opens the camera, sets its format and rate, and starts it. A ring of `wake` ends a waiting [`FrameSource::lend`] at once.
@@ -311,21 +328,19 @@ struct Agreed {
 
 /// Opens the camera and sets its format and rate.
 fn agree(params: &CaptureParams) -> Result<Agreed, DeviceError> {
-    let path = find(&params.device, Direction::Capture)?;
-    let node = Node::open(&path)?;
-    check_camera(&node)?;
+    let paths = if params.nodes.is_empty() {
+        candidates(&params.device, Direction::Capture, &params.except)?
+    } else {
+        params.nodes.iter().map(|seen| seen.node.clone()).collect()
+    };
     let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
-    let mut offered = modes(&node, &asked);
-    let (card, bus) = node.identity().map_or_else(|_| Default::default(), |identity| (identity.card, identity.bus));
-    let avoid = params.avoid.iter().filter(|avoid| avoid.is_of(&card, &bus)).map(|avoid| avoid.pixel).collect::<Vec<_>>();
-    let fits = |offered: &[Mode]| choose(offered, &asked);
-    let others: Vec<Mode> = offered.iter().filter(|mode| !avoid.contains(&mode.pixel)).copied().collect();
-    if params.format.is_none() && fits(&others).is_some() {
-        offered = others;
+    let Selected { node, mode, next_best } = best(&paths, &asked, &params.avoid)?;
+    // While it is open, nothing else gets its number: what has it now had it when it was opened.
+    if let Some(meant) = params.nodes.iter().find(|seen| seen.node == node.path())
+        && !Roots::default().at(node.path()).is_some_and(|seen| seen.is_same(meant))
+    {
+        return Err(DeviceError::Gone { path: node.path().to_path_buf() });
     }
-    let mode = fits(&offered).ok_or_else(|| unsupported(&path, &asked, &node))?;
-    offered.retain(|other| other.pixel != mode.pixel);
-    let next_best = fits(&offered).map(|mode| mode.pixel);
     let format = set_mode(&node, &mode, &asked)?;
     Ok(Agreed { node, format, next_best })
 }

@@ -10,6 +10,8 @@ use v4l::v4l_sys::{V4L2_CAP_STREAMING, V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_OU
 use super::super::DeviceError;
 use super::mode::{Intervals, Sizes, rate};
 use super::node::{Direction, Node};
+use super::role::Role;
+use super::sighting::{Roots, numbers};
 use crate::image::PixelFormat;
 
 /// How many entries of any list a driver is believed to have; more is a driver gone mad.
@@ -29,10 +31,14 @@ pub struct DeviceInfo {
     pub driver: String,
     /// Where it is plugged in.
     pub bus: String,
+    /// Links to it below /dev/v4l, of a camera: names that do not change.
+    pub links: Vec<PathBuf>,
     /// Whether it gives frames (a camera).
     pub capture: bool,
     /// Whether it takes frames (a loopback).
     pub output: bool,
+    /// Whether it is a stage of a CSI camera's path or a codec: it gives no picture by itself.
+    pub stage: bool,
     /// The formats it gives, or where it gives none, takes.
     pub formats: Vec<FormatInfo>,
     /// Why it could not be looked at.
@@ -59,11 +65,7 @@ pub fn devices() -> Vec<DeviceInfo> {
 
 /// /dev/video0 and so on, by number.
 pub(super) fn nodes() -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir("/dev") else { return Vec::new() };
-    let mut numbers: Vec<u32> =
-        entries.flatten().filter_map(|entry| entry.file_name().to_str()?.strip_prefix("video")?.parse().ok()).collect();
-    numbers.sort_unstable();
-    numbers.into_iter().map(|number| PathBuf::from(format!("/dev/video{number}"))).collect()
+    numbers(Path::new("/dev")).into_iter().map(|number| PathBuf::from(format!("/dev/video{number}"))).collect()
 }
 
 /// The card's name without opening the node.
@@ -80,8 +82,10 @@ fn look(path: &Path) -> DeviceInfo {
         card: String::new(),
         driver: String::new(),
         bus: String::new(),
+        links: Vec::new(),
         capture: false,
         output: false,
+        stage: false,
         formats: Vec::new(),
         problem: None,
     };
@@ -96,10 +100,12 @@ fn look(path: &Path) -> DeviceInfo {
         }
         Ok((node, identity)) => {
             let streams = identity.caps & V4L2_CAP_STREAMING != 0;
-            info.capture = streams && identity.caps & V4L2_CAP_VIDEO_CAPTURE != 0;
-            info.output = streams && identity.caps & V4L2_CAP_VIDEO_OUTPUT != 0;
+            info.stage = Role::of(&node, &identity) == Role::Stage;
+            info.capture = streams && !info.stage && identity.caps & V4L2_CAP_VIDEO_CAPTURE != 0;
+            info.output = streams && !info.stage && identity.caps & V4L2_CAP_VIDEO_OUTPUT != 0;
             (info.card, info.driver, info.bus) = (identity.card, identity.driver, identity.bus);
             if info.capture {
+                info.links = Roots::default().links(path);
                 info.formats = formats(&node, Direction::Capture);
             }
             if info.output && info.formats.is_empty() {
@@ -174,9 +180,13 @@ impl fmt::Display for DeviceInfo {
             (true, true) => "camera and output",
             (true, false) => "camera",
             (false, true) => "output",
+            (false, false) if self.stage => "no camera: a stage of a CSI camera's path (libcamera drives these), or a codec",
             (false, false) => "neither camera nor output (metadata, or multi-planar)",
         };
         write!(f, "\n    {role}; driver {}, {}", self.driver, self.bus)?;
+        for link in &self.links {
+            write!(f, "\n    {}", link.display())?;
+        }
         for format in &self.formats {
             let code = String::from_utf8_lossy(&format.fourcc);
             let note = if format.pixel.is_none() { "  (gimbald cannot read it)" } else { "" };

@@ -1,4 +1,4 @@
-//! Waiting for video devices to come and go, heard at /dev instead of asked for again and again.
+//! Waiting for video devices to come and go: /dev is watched (inotify), not polled.
 
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, OwnedFd};
@@ -25,30 +25,30 @@ pub enum News {
     Nothing,
 }
 
-/// An ear at /dev.
+/// A watch on /dev.
 #[derive(Debug)]
 pub struct Hotplug {
-    heard: OwnedFd,
+    events: OwnedFd,
 }
 
 impl Hotplug {
-    /// Begins to listen.
+    /// Begins to watch.
     ///
     /// # Errors
     /// Where the system gives no more inotify instances.
     pub fn new() -> Result<Self, DeviceError> {
-        let error = |errno: rustix::io::Errno| DeviceError::io(Path::new(DEV), "listen at", errno.into());
-        let heard = inotify::init(inotify::CreateFlags::CLOEXEC | inotify::CreateFlags::NONBLOCK).map_err(error)?;
+        let error = |errno: rustix::io::Errno| DeviceError::io(Path::new(DEV), "watch", errno.into());
+        let events = inotify::init(inotify::CreateFlags::CLOEXEC | inotify::CreateFlags::NONBLOCK).map_err(error)?;
         // ATTRIB: udev hands a new node to its group a moment after the kernel made it.
         let wanted = inotify::WatchFlags::CREATE | inotify::WatchFlags::DELETE | inotify::WatchFlags::ATTRIB;
-        inotify::add_watch(&heard, DEV, wanted).map_err(error)?;
-        Ok(Self { heard })
+        inotify::add_watch(&events, DEV, wanted).map_err(error)?;
+        Ok(Self { events })
     }
 
     /// Waits for news, at most `patience`.
     pub fn wait(&self, bell: &Wake, patience: Duration) -> News {
         let mut fds =
-            [PollFd::from_borrowed_fd(self.heard.as_fd(), PollFlags::IN), PollFd::from_borrowed_fd(bell.fd(), PollFlags::IN)];
+            [PollFd::from_borrowed_fd(self.events.as_fd(), PollFlags::IN), PollFd::from_borrowed_fd(bell.fd(), PollFlags::IN)];
         // An interrupting signal ends the wait early, as a ring would.
         let _ = poll(&mut fds, Timespec::try_from(patience).ok().as_ref());
         if bell.hush() {
@@ -60,15 +60,16 @@ impl Hotplug {
         }
     }
 
-    /// Takes what was heard; says whether any of it was of a video device.
+    /// Takes the events that came; says whether any was of a video device.
     pub fn drain(&self) -> bool {
         let mut room = [MaybeUninit::uninit(); 4096];
-        let mut events = inotify::Reader::new(&self.heard, &mut room);
+        let mut reader = inotify::Reader::new(&self.events, &mut room);
         let mut any = false;
-        while let Ok(event) = events.next() {
+        while let Ok(event) = reader.next() {
             let name = event.file_name().map(|name| name.to_bytes()).unwrap_or_default();
             // "v4l": the directory of links by name and by place; "v4l2loopback": the module was loaded.
-            any |= name.starts_with(b"video") || name.starts_with(b"v4l");
+            // No name: so many events came that some were lost.
+            any |= name.is_empty() || name.starts_with(b"video") || name.starts_with(b"v4l");
         }
         any
     }

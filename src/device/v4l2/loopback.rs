@@ -81,7 +81,7 @@ impl Loopback {
     /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
     /// holds another format, else [`DeviceError::Io`]; each says what to do.
     pub fn open(params: &LoopbackParams) -> Result<Self, DeviceError> {
-        let missing = match candidates(&params.device, Direction::Output) {
+        let missing = match candidates(&params.device, Direction::Output, &[]) {
             Err(error) => error,
             Ok(paths) => {
                 let mut missing = DeviceError::Gone { path: PathBuf::from(&params.device) };

@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use v4l::v4l_sys::{
-    V4L2_CAP_STREAMING, V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_CAPTURE_MPLANE, v4l2_colorspace_V4L2_COLORSPACE_DEFAULT,
-    v4l2_colorspace_V4L2_COLORSPACE_JPEG, v4l2_field_V4L2_FIELD_ALTERNATE, v4l2_field_V4L2_FIELD_BOTTOM,
-    v4l2_field_V4L2_FIELD_NONE, v4l2_field_V4L2_FIELD_TOP, v4l2_pix_format,
-    v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE as FULL_RANGE,
+    V4L2_CAP_STREAMING, V4L2_CAP_VIDEO_CAPTURE, v4l2_colorspace_V4L2_COLORSPACE_DEFAULT, v4l2_colorspace_V4L2_COLORSPACE_JPEG,
+    v4l2_field_V4L2_FIELD_ALTERNATE, v4l2_field_V4L2_FIELD_BOTTOM, v4l2_field_V4L2_FIELD_NONE, v4l2_field_V4L2_FIELD_TOP,
+    v4l2_pix_format, v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE as FULL_RANGE,
     v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE as LIMITED_RANGE,
 };
 
 use super::super::{DeviceError, StreamFormat};
-use super::enumerate::{LOOPBACK_DRIVER, MAX_ENTRIES, intervals, sizes};
+use super::enumerate::{MAX_ENTRIES, intervals, sizes};
 use super::mode::{Mode, USUAL_FPS, Wish, interval};
 use super::node::{Direction, Node, wish};
+use super::role::{ONLY_STAGES, Role};
 use crate::image::{Colour, PixelFormat, Range, Siting};
 
 /// What a camera offers of formats that gimbald reads, with the candidates that `wish` makes worth considering.
@@ -47,15 +47,19 @@ pub(super) fn modes(node: &Node, wish: &Wish) -> Vec<Mode> {
 /// Whether the node is a camera that can be streamed from.
 pub(super) fn check_camera(node: &Node) -> Result<(), DeviceError> {
     let identity = node.identity().map_err(|errno| node.error("ask for the abilities of", errno))?;
-    let has = |caps| identity.caps & caps != 0;
-    let what = if has(V4L2_CAP_VIDEO_CAPTURE) && has(V4L2_CAP_STREAMING) {
-        return Ok(());
-    } else if identity.driver == LOOPBACK_DRIVER {
-        "a loopback device that nobody writes to; start the program that is to write to it, or choose a camera".to_string()
-    } else if has(V4L2_CAP_VIDEO_CAPTURE_MPLANE) {
-        format!("{}: gives frames in several planes' buffers only, which gimbald cannot read", identity.card)
-    } else {
-        format!("{}: not a camera (a metadata or output node?); `gimbald devices` lists the cameras", identity.card)
+    let streams = [V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_STREAMING].iter().all(|caps| identity.caps & caps != 0);
+    let what = match Role::of(node, &identity) {
+        Role::Camera => return Ok(()),
+        Role::Loopback if streams => return Ok(()),
+        Role::Loopback => {
+            "a loopback device that no program writes to; start the program that is to write to it, or choose a camera"
+                .to_string()
+        }
+        Role::Planes => format!("{}: gives frames in several planes' buffers only, which gimbald cannot read", identity.card),
+        Role::Stage => format!("{} ({}): not a camera{ONLY_STAGES}", identity.card, identity.driver),
+        Role::Other => {
+            format!("{}: not a camera (a metadata or output node?); `gimbald devices` lists the cameras", identity.card)
+        }
     };
     Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what })
 }

@@ -16,7 +16,7 @@ use v4l::frameinterval::FrameIntervalEnum;
 use v4l::framesize::FrameSizeEnum;
 use v4l::v4l_sys::{
     V4L2_CAP_TIMEPERFRAME, v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE, v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_OUTPUT, v4l2_buffer,
-    v4l2_capability, v4l2_field_V4L2_FIELD_NONE, v4l2_fmtdesc, v4l2_format, v4l2_frmivalenum, v4l2_frmsizeenum,
+    v4l2_capability, v4l2_field_V4L2_FIELD_NONE, v4l2_fmtdesc, v4l2_format, v4l2_frmivalenum, v4l2_frmsizeenum, v4l2_input,
     v4l2_memory_V4L2_MEMORY_MMAP, v4l2_pix_format, v4l2_requestbuffers, v4l2_streamparm,
 };
 use v4l::v4l2::vidioc;
@@ -61,6 +61,8 @@ unsafe impl Zeroed for v4l2_fmtdesc {}
 unsafe impl Zeroed for v4l2_frmsizeenum {}
 // SAFETY: as above.
 unsafe impl Zeroed for v4l2_frmivalenum {}
+// SAFETY: as above.
+unsafe impl Zeroed for v4l2_input {}
 // SAFETY: as above.
 unsafe impl Zeroed for v4l2_format {}
 // SAFETY: as above.
@@ -136,6 +138,13 @@ impl Node {
             // Before 3.4 drivers said only what all their nodes together can.
             caps: if cap.device_caps != 0 { cap.device_caps } else { cap.capabilities },
         })
+    }
+
+    /// VIDIOC_ENUMINPUT: whether there is anything that it captures from.
+    pub(super) fn has_input(&self) -> bool {
+        let mut input = v4l2_input::zeroed();
+        // SAFETY: ENUMINPUT fills a v4l2_input, which holds no pointer.
+        unsafe { self.update::<{ vidioc::VIDIOC_ENUMINPUT as Opcode }, _>(&mut input).is_ok() }
     }
 
     /// VIDIOC_ENUM_FMT: the four-letter code and name of format `index`, `None` after the last.
@@ -293,7 +302,7 @@ pub(super) fn error(path: &Path, doing: &'static str, errno: Errno) -> DeviceErr
         }
         Errno::NOENT => "; `gimbald devices` lists the video devices there are",
         Errno::ACCESS | Errno::PERM => {
-            "; add the user to the group that owns the device (`sudo usermod -aG video USER`, then log in anew), or for a service \
+            "; add the user to the group that owns the device (`sudo usermod -aG video USER`, then log in again), or for a service \
              set SupplementaryGroups=video and DeviceAllow=char-video4linux rw"
         }
         Errno::NOSPC => "; not enough USB bandwidth: choose a smaller size, a lower rate or MJPG, or another USB port",

@@ -2,11 +2,13 @@
 import glob
 import json
 import os
+import socket
 import subprocess
 import sys
 from dataclasses import dataclass, field
 
 from rig import CAPTURE, Daemon, Reader, camera_appears, identity, identity_or_none, nodes, now, until
+from webcam.remote import ask
 
 HERE = os.path.dirname(os.path.realpath(__file__))
 SOCKET = "/run/gimbald-test.sock"
@@ -77,21 +79,25 @@ class Scene:
 
     # -- cameras
 
-    def webcam(self, *words, name="cam"):
-        """A command to a camera (see webcam/__main__.py); what it says."""
-        command = [sys.executable, "-B", f"{HERE}/webcam", *words, "--name", name]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(f"webcam {' '.join(words)}: {done.stderr.strip()}")
-        return done.stdout.strip()
+    @staticmethod
+    def webcam(*words, name="cam"):
+        """Tells a camera that runs `unplug`, `set KEY=VALUE`... (see webcam/__main__.py); what it answers."""
+        try:
+            return ask(name, " ".join(words))
+        except SystemExit as error:
+            raise RuntimeError(f"{' '.join(words)}: {error}") from None
 
     def start_camera(self, *words, name="cam"):
         """Plugs one in; its first node. udev has made its links by then."""
-        pictures = ["--pictures", self.stage.pictures] if self.stage.pictures else []
+        command = [sys.executable, "-B", f"{HERE}/webcam", "start", *words, "--name", name]
+        if self.stage.pictures:
+            command += ["--pictures", self.stage.pictures]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"the camera {' '.join(words)} does not start: {done.stderr.strip()}")
         self.cameras.append(name)
-        node = self.webcam("start", *words, *pictures, name=name)
         subprocess.run(["udevadm", "settle", "-t", "10"], check=False)
-        return node
+        return done.stdout.strip()
 
     def stats(self, name="cam"):
         return json.loads(self.webcam("stats", name=name))
@@ -113,13 +119,16 @@ class Scene:
         return self.daemon.alive()
 
     def status(self):
-        """`gimbald status --json`; what it said instead, under "said", where it is none."""
-        command = [self.stage.program, "status", "--socket", SOCKET, "--json"]
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        try:
-            self.last_status = json.loads(done.stdout)
-        except ValueError:
-            self.last_status = {"said": done.stdout.strip()[:200]}
+        """What the daemon says of itself; nothing where it does not answer."""
+        self.last_status = {}
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as to:
+            to.settimeout(5)
+            try:
+                to.connect(SOCKET)
+                to.sendall(b"status\n")
+                self.last_status = json.loads(to.makefile().readline())["status"]
+            except (OSError, ValueError, KeyError) as error:
+                self.note(f"no status: {error!r}")
         return self.last_status
 
     def camera_in_use(self):

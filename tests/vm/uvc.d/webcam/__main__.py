@@ -5,6 +5,7 @@
     webcam stats [--name N]                              what it sent, as JSON
     webcam unplug | plug [--name N]                      pull the plug; put it back in (set port=N: into another port)
     webcam stop [--name N]                               unplug it and end
+    webcam pictures [--pictures DIR]                     only make its pictures (anywhere, as anybody)
     webcam knobs                                         every KEY with its meaning
 
 The camera speaks USB/IP to vhci_hcd over a socket pair: no network, no gadget driver, nothing but vhci_hcd, uvcvideo and Python's
@@ -34,7 +35,7 @@ SIZES = "640x480,1280x720,1920x1080"
 
 def arguments():
     p = argparse.ArgumentParser(prog="webcam", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("verb", choices=["start", "set", "stats", "unplug", "plug", "stop", "knobs"])
+    p.add_argument("verb", choices=["start", "set", "stats", "unplug", "plug", "stop", "pictures", "knobs"])
     p.add_argument("pairs", nargs="*", metavar="KEY=VALUE", help="for start and set")
     p.add_argument("--name", default="cam", help="which camera, where there are several")
     p.add_argument("--card", default="Test Webcam", help="its product name")
@@ -110,6 +111,8 @@ def main():
             print(f"{name:15} {meaning} ({default!r})")
     elif options.verb == "start":
         start(options)
+    elif options.verb == "pictures":
+        Camera(options).make_pictures()
     else:
         print(remote.ask(options.name, " ".join([options.verb, *options.pairs])))
 

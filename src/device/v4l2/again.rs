@@ -1,0 +1,281 @@
+//! Finding a camera again that was open before, and never another one in its place.
+//!
+//! Node numbers are given to whatever is plugged in first, names are those of a kind of camera, and for some milliseconds udev's links
+//! lead to what has taken the number of what they were made for. What tells cameras apart is in sysfs: the socket, and of USB the
+//! model and the serial number, where each has its own.
+
+use std::path::PathBuf;
+
+use super::sighting::{Device, Roots, Sighting};
+
+/// The camera that was open last, and the devices that were there together with it: none of those is it.
+#[derive(Clone, Debug)]
+pub struct Known {
+    ours: Sighting,
+    beside: Vec<Device>,
+}
+
+/// What is there now.
+#[derive(Clone, Debug)]
+pub struct There {
+    nodes: Vec<Sighting>,
+    /// The node that the setting leads to, where it is a number or a path.
+    meant: Option<Sighting>,
+    /// Whether the setting's path leads anywhere.
+    leads: bool,
+}
+
+/// Where to look for the camera.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// It is one of these nodes.
+    Open(Vec<Sighting>),
+    /// As the setting says, but at none of these nodes: they are of cameras that are known to be others.
+    Search {
+        /// The nodes.
+        except: Vec<PathBuf>,
+    },
+    /// It is not there; why nothing else may be opened.
+    Wait(String),
+}
+
+/// How the setting names a camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Naming {
+    Auto,
+    Name,
+    /// A number, or the node of that number.
+    Number,
+    /// A link of /dev/v4l/by-path: whatever is in that socket.
+    Socket,
+    /// A link of /dev/v4l/by-id: the camera of that model and serial number.
+    Identity,
+    /// Another path.
+    Path,
+}
+
+/// Whether a device is the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    Ours,
+    /// It was there beside ours, or is now.
+    Other,
+    /// It may be ours or one that was beside it: they are alike, and both were unplugged.
+    Unclear,
+    /// It was never seen.
+    New,
+}
+
+impl There {
+    /// Looks around for `setting`, a value of camera.device.
+    pub fn look(setting: &str, roots: &Roots) -> Self {
+        let path = path_of(setting);
+        let meant = path.as_ref().and_then(|path| roots.at(path));
+        let leads = path.as_ref().is_some_and(|path| roots.real(path).is_some());
+        Self { nodes: roots.sightings(), meant, leads }
+    }
+
+    /// Every video node.
+    pub fn nodes(&self) -> &[Sighting] {
+        &self.nodes
+    }
+
+    fn has(&self, device: &Device) -> bool {
+        self.nodes.iter().any(|seen| seen.device.is_same(device))
+    }
+}
+
+/// The path that `setting` names; `None` where it is a name or "auto".
+fn path_of(setting: &str) -> Option<PathBuf> {
+    let setting = setting.trim();
+    if !setting.is_empty() && setting.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Some(PathBuf::from(format!("/dev/video{setting}")));
+    }
+    setting.starts_with('/').then(|| PathBuf::from(setting))
+}
+
+impl Naming {
+    fn of(setting: &str) -> Self {
+        let Some(path) = path_of(setting) else {
+            let setting = setting.trim();
+            return if setting.is_empty() || setting.eq_ignore_ascii_case("auto") { Self::Auto } else { Self::Name };
+        };
+        let number = path.to_str().and_then(|path| path.strip_prefix("/dev/video"));
+        if number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit())) {
+            Self::Number
+        } else if path.starts_with("/dev/v4l/by-path") {
+            Self::Socket
+        } else if path.starts_with("/dev/v4l/by-id") {
+            Self::Identity
+        } else {
+            Self::Path
+        }
+    }
+}
+
+impl Known {
+    /// What is known when `ours` is opened for the first time.
+    pub fn new(ours: Sighting) -> Self {
+        Self { ours, beside: Vec::new() }
+    }
+
+    /// The camera, as it was when it was open last.
+    pub fn camera(&self) -> &Device {
+        &self.ours.device
+    }
+
+    /// The camera was opened again, or another was taken in its place. What was beside it stays known.
+    pub fn opened(&mut self, ours: Sighting) {
+        self.beside.retain(|other| !other.is_same(&ours.device));
+        self.ours = ours;
+    }
+
+    /// Notes what is there together with the camera; nothing, where it is away.
+    pub fn look_around(&mut self, nodes: &[Sighting]) {
+        if !nodes.iter().any(|seen| seen.device.is_same(&self.ours.device)) {
+            return;
+        }
+        for seen in nodes {
+            let device = &seen.device;
+            if !device.is_same(&self.ours.device) && !self.beside.iter().any(|other| other.is_same(device)) {
+                self.beside.push(device.clone());
+            }
+        }
+    }
+
+    /// Where to look for the camera that `setting` means. `patient`: it has not been away for long, so that "auto" waits for it.
+    pub fn next(&self, setting: &str, there: &There, patient: bool) -> Next {
+        let naming = Naming::of(setting);
+        match naming {
+            Naming::Socket | Naming::Identity | Naming::Path => self.next_at_path(naming, there),
+            Naming::Number | Naming::Name | Naming::Auto => {
+                if let Some(found) = self.found(there, patient) {
+                    return found;
+                }
+                let except = self.not_ours(there);
+                match (naming, &there.meant) {
+                    (Naming::Number, Some(meant)) if except.contains(&meant.node) => Next::Wait(self.why_not(meant, there)),
+                    (Naming::Auto, _) if patient => Next::Wait(format!("{} is not there", self.ours.device.described())),
+                    // There is no other to be had by waiting.
+                    (Naming::Auto, _) => Next::Search { except: Vec::new() },
+                    _ => Next::Search { except },
+                }
+            }
+        }
+    }
+
+    /// For a setting that is a path: what it leads to, unless that is another camera.
+    fn next_at_path(&self, naming: Naming, there: &There) -> Next {
+        let Some(meant) = &there.meant else {
+            if there.leads {
+                // No video node: opening it will say what it is.
+                return Next::Search { except: Vec::new() };
+            }
+            // Without udev there are no links; the same camera in the same socket is the same camera.
+            let same = there.nodes.iter().find(|seen| seen.is_same(&self.ours) && seen.device.serial().is_some());
+            return match same {
+                Some(same) => Next::Open(vec![same.clone()]),
+                None => Next::Wait(self.why_nothing(there)),
+            };
+        };
+        let verdict = self.verdict(&meant.device, there);
+        let ours = &self.ours.device;
+        // Else udev has not yet taken away a link whose number is another camera's by now.
+        let true_link = match naming {
+            Naming::Socket => meant.device.place == ours.place,
+            Naming::Identity => meant.device.usb == ours.usb,
+            _ => true,
+        };
+        if true_link && matches!(verdict, Verdict::Ours | Verdict::New) {
+            Next::Open(vec![meant.clone()])
+        } else {
+            Next::Wait(self.why_not(meant, there))
+        }
+    }
+
+    /// Ours, where it is there under whatever number.
+    fn found(&self, there: &There, patient: bool) -> Option<Next> {
+        let is_ours = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Ours;
+        let ours: Vec<_> = there.nodes.iter().filter(is_ours).collect();
+        let same = |seen: &&&Sighting| seen.function == self.ours.function && seen.index == self.ours.index;
+        if let Some(same) = ours.iter().find(same) {
+            return Some(Next::Open(vec![(*same).clone()]));
+        }
+        if ours.is_empty() {
+            return None;
+        }
+        // Its nodes come one after the other.
+        Some(if patient {
+            Next::Wait(format!("{} is there, but not yet the node with its picture", self.ours.device.described()))
+        } else {
+            Next::Open(ours.into_iter().cloned().collect())
+        })
+    }
+
+    /// The nodes of devices that are not, or may not be, ours.
+    fn not_ours(&self, there: &There) -> Vec<PathBuf> {
+        let is_not = |seen: &&Sighting| matches!(self.verdict(&seen.device, there), Verdict::Other | Verdict::Unclear);
+        there.nodes.iter().filter(is_not).map(|seen| seen.node.clone()).collect()
+    }
+
+    fn verdict(&self, device: &Device, there: &There) -> Verdict {
+        let ours = &self.ours.device;
+        if device.is_same(ours) {
+            return Verdict::Ours;
+        }
+        if there.has(ours) || self.beside.iter().any(|other| other.is_same(device)) {
+            return Verdict::Other;
+        }
+        if device.usb.is_none() {
+            // Only its place tells it from others.
+            return Verdict::New;
+        }
+        let alike = |other: &&Device| other.usb == device.usb;
+        let twins: Vec<_> = self.beside.iter().filter(alike).collect();
+        if device.usb != ours.usb {
+            // A serial number goes wherever its camera is plugged in; of one without, any that is away may be it.
+            let moved = twins.iter().any(|twin| twin.serial().is_some() || !there.has(twin));
+            return if moved { Verdict::Other } else { Verdict::New };
+        }
+        // It is as ours is, in another socket.
+        if ours.serial().is_some() && twins.is_empty() {
+            return Verdict::Ours;
+        }
+        let claims = |seen: &&Sighting| seen.device.usb == ours.usb && !twins.iter().any(|twin| twin.is_same(&seen.device));
+        let alone = there.nodes.iter().filter(claims).all(|seen| seen.device.is_same(device));
+        if alone && twins.iter().all(|twin| there.has(twin)) { Verdict::Ours } else { Verdict::Unclear }
+    }
+
+    /// Why there is nothing to open where the setting's path leads nowhere.
+    fn why_nothing(&self, there: &There) -> String {
+        let ours = &self.ours.device;
+        let elsewhere = there.nodes.iter().find(|seen| ours.serial().is_some() && seen.device.usb == ours.usb);
+        let place = elsewhere.map_or("is not plugged in".into(), |seen| {
+            format!(
+                "is in socket {} now, as {}: plug it in where it was, or correct camera.device",
+                seen.device.socket(),
+                seen.node.display()
+            )
+        });
+        format!("nothing is there; {} {place}", ours.described())
+    }
+
+    /// Why the node that the setting leads to is not opened.
+    fn why_not(&self, meant: &Sighting, there: &There) -> String {
+        let (node, other, ours) = (meant.node.display(), meant.device.described(), self.ours.device.described());
+        let socket = meant.device.socket();
+        match self.verdict(&meant.device, there) {
+            Verdict::Unclear => format!(
+                "{node} is {other}, which may be the camera or another of its kind that was there beside it: plug it into the socket \
+                 where it was, or start gimbald again to use this one"
+            ),
+            Verdict::Other => format!(
+                "{node} is {other} in socket {socket}, which was there beside the camera in use, {ours}; start gimbald again to use it"
+            ),
+            Verdict::Ours | Verdict::New => format!("{node} is {other} in socket {socket} now, not where {ours} was"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

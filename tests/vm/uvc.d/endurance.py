@@ -1,0 +1,196 @@
+"""1080p30 motion JPEG from an emulated webcam to a reader of the loopback, with a random fault every ten seconds. In the virtual
+machine, as root; arguments: the program, --pictures DIR, then for how long (600 seconds), the seed (1).
+
+Between faults nothing may be lost: what the camera exposes, the reader gets. What is lost while a fault lasts, and until the picture is
+live again, is the fault's, and is told with the counts of camera and gimbald beside it. Memory and descriptors stay level. Without a
+fault (seed 0) it measures: rate, loss, and the share of a core.
+"""
+import argparse
+import os
+import random
+import sys
+from dataclasses import dataclass
+
+sys.path.insert(1, os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
+
+from rig import Report, loopback, now
+from scene import Scene, Stage, camera_nodes, link
+
+SIZE, FPS = (1920, 1080), 30
+PERIOD = 10.0
+SETTLED = 1.0  # from the first live picture after a fault until every frame has to come: buffers have filled up meanwhile
+RECOVERY = 8.0  # seconds until a picture that does not come back is a failure
+KEPT = ("plugs", "starts", "frames", "corrupted", "cut", "emptied", "error_bits", "lost_payloads", "bad_headers", "urb_errors", "stalls")
+
+
+def knob(setting, undo=None, low=0.5, high=3.0):
+    """A fault that a knob makes for a while."""
+    def fault(scene, chance):
+        scene.webcam("set", *setting.split())
+        scene.watch(chance.uniform(low, high))
+        if undo:
+            scene.webcam("set", *undo.split())
+    fault.__name__ = setting
+    return fault
+
+
+def unplugged(scene, chance):
+    scene.webcam("unplug")
+    scene.watch(chance.uniform(0.1, 3))
+    scene.webcam("plug")
+
+
+def replugged_at_once(scene, _):
+    scene.webcam("unplug")
+    scene.webcam("plug")
+
+
+def held(scene, chance):
+    """Another process holds the old node: the camera comes back under another number."""
+    old = os.open(camera_nodes()[0], os.O_RDWR)
+    unplugged(scene, chance)
+    scene.watch(chance.uniform(0.5, 2))
+    os.close(old)
+
+
+def refused(scene, chance):
+    """It comes back and refuses to start at first."""
+    scene.webcam("set", f"{chance.choice(['stall_probe', 'stall_commit', 'stall_alt'])}={chance.randint(1, 2)}")
+    replugged_at_once(scene, chance)
+
+
+FAULTS = [
+    knob("corrupt=0.2", "corrupt=0"), knob("cut=0.3", "cut=0"), knob("empty=0.3", "empty=0"), knob("error=0.3", "error=0"),
+    knob("drop=0.3", "drop=0"), knob("iso_error=0.3", "iso_error=0"), knob("badheader=0.3", "badheader=0"), knob("corrupt=1", "corrupt=0"),
+    knob("error=1", "error=0"), knob("huffman=0", "huffman=1"), knob("trailing=700", "trailing=0"), knob("app4=90000", "app4=0"),
+    knob("othersize=640x480", "othersize="), knob("slow=2", "slow=1"), knob("dark=1", "dark=0"), knob("pause=2", low=2, high=2.5),
+    knob("urb_error=1", low=0.2, high=0.5), knob("urb_error=5", low=0.2, high=0.5), knob("hang=1", low=0.2, high=0.5),
+    unplugged, replugged_at_once, held, refused]
+
+
+@dataclass
+class Counts:
+    """What camera, gimbald and reader have counted at one time."""
+
+    camera: dict
+    gimbald: dict
+
+    @classmethod
+    def take(cls, scene):
+        stats, status = scene.stats(), scene.status()
+        drops = {f"drops.{key}": count for key, count in status.get("drops", {}).items()}
+        return cls({key: stats.get(key, 0) for key in KEPT}, {**status.get("frames", {}), **drops})
+
+    def since(self, before):
+        """What was counted meanwhile, but what stayed as it was."""
+        def gone(new, old):
+            return {key: new[key] - old.get(key, 0) for key in new if new[key] != old.get(key, 0)}
+        return Counts(gone(self.camera, before.camera), gone(self.gimbald, before.gimbald))
+
+    def __str__(self):
+        words = lambda counts: ", ".join(f"{key} {count}" for key, count in counts.items())
+        return f"camera: {words(self.camera)}; gimbald: {words(self.gimbald)}"
+
+
+class Endurance:
+    """The run and its books."""
+
+    def __init__(self, scene, report, seed):
+        self.scene, self.report, self.chance = scene, report, random.Random(seed)
+        self.calm = dict(seconds=0.0, exposed=0, live=0, lost=0)
+        self.faults, self.worst = {}, {}
+        self.marks = []
+
+    def quiet(self, seconds):
+        """Nothing is wrong: every frame has to come."""
+        before = Counts.take(self.scene)
+        seen = self.scene.watch(seconds)
+        counted = Counts.take(self.scene).since(before)
+        exposed = counted.camera.get("frames", 0)
+        # One may be under way at either end.
+        lost = max(0, exposed - seen.live - 2)
+        for key, count in (("seconds", seconds), ("exposed", exposed), ("live", seen.live), ("lost", lost)):
+            self.calm[key] += count
+        if lost:
+            self.report.say(f"      {lost} of {exposed} frames lost without a fault, longest gap {seen.gap:.2f} s; {counted}")
+
+    def fault(self):
+        """One fault, until the picture is live again."""
+        fault = self.chance.choice(FAULTS)
+        before, began = Counts.take(self.scene), now()
+        fault(self.scene, self.chance)
+        over = now()
+        back = self.scene.watch(RECOVERY, until_live=True)
+        took, name = now() - over, fault.__name__
+        self.report.say(f"      {name}: lasted {over - began:.1f} s, live {took:.2f} s later; {Counts.take(self.scene).since(before)}")
+        if back.live < 2:
+            self.report.check(f"live within {RECOVERY:.0f} s after {name}", False)
+        self.faults[name] = self.faults.get(name, 0) + 1
+        self.worst[name] = max(self.worst.get(name, 0), took)
+        self.scene.watch(SETTLED)
+
+    def mark(self):
+        daemon = self.scene.daemon
+        self.marks.append((daemon.memory(), daemon.descriptors()))
+
+    def run(self, seconds, with_faults):
+        end = now() + seconds
+        while (began := now()) < end:
+            if with_faults:
+                self.fault()
+            self.quiet(max(1.0, PERIOD - (now() - began)))
+            self.mark()
+            if len(self.marks) % 30 == 1:
+                self.report.say(f"{end - now():.0f} s to go: {self.marks[-1][0]:.1f} MiB, {self.marks[-1][1]} descriptors")
+            if not self.scene.daemon.alive():
+                self.report.check("the daemon lives", False)
+                return
+
+    def tell(self):
+        report, calm = self.report, self.calm
+        for name in sorted(self.faults):
+            report.say(f"      {name:20} {self.faults[name]:3} times, live again after {self.worst[name]:.2f} s at worst")
+        rate = calm["live"] / max(1e-9, calm["seconds"])
+        report.say(f"      without a fault: {calm['seconds']:.0f} s, {calm['exposed']} frames exposed, {calm['live']} live ({rate:.2f} a second)")
+        report.check(f"{calm['lost']} frames lost without a fault", calm["lost"] == 0)
+        # Its first minutes fill its buffers and the rings of what it remembers.
+        settled = self.marks[min(len(self.marks) // 4, 12):]
+        memory, descriptors = [mark[0] for mark in settled], [mark[1] for mark in settled]
+        report.check(f"memory {memory[0]:.1f} MiB then {memory[-1]:.1f}, {max(memory):.1f} at most", memory[-1] <= memory[0] + 4)
+        report.check(f"descriptors {descriptors[0]} then {descriptors[-1]}", descriptors[-1] <= descriptors[0])
+
+
+def main():
+    p = argparse.ArgumentParser(prog="uvc-endurance", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("program")
+    p.add_argument("--pictures", default="")
+    p.add_argument("seconds", nargs="?", type=float, default=600.0)
+    p.add_argument("seed", nargs="?", type=int, default=1)
+    options = p.parse_args()
+    report = Report()
+    scene = Scene(Stage(os.path.abspath(options.program), loopback(), SIZE, options.pictures))
+    scene.start_camera()
+    device = link("by-id", camera_nodes()[0])
+    report.say(f"{options.seconds:.0f} s, seed {options.seed}, {device} at {SIZE[0]}x{SIZE[1]}, {FPS} a second")
+    report.check("it offers a picture", scene.start_daemon(f"camera.fps={FPS}", device=device))
+    scene.open_reader()
+    report.check("the picture is live", scene.watch(15, until_live=True).live > 1)
+    scene.watch(3)
+    endurance = Endurance(scene, report, options.seed)
+    cpu, began = scene.daemon.cpu(), now()
+    endurance.run(options.seconds, with_faults=options.seed != 0)
+    share = 100 * (scene.daemon.cpu() - cpu) / (now() - began)
+    endurance.tell()
+    report.say(f"      {share:.1f} % of a core")
+    log = scene.said().splitlines()
+    report.say(f"      {len(log)} lines of log")
+    sent = scene.end()
+    report.check(f"it ends well {scene.failed}", not scene.failed)
+    report.say(f"      camera: {sent}")
+    for line in [line for line in log if "camera closed" in line or "stream ended" in line][-6:] + (log[-60:] if report.failed else []):
+        print("     |", line[:300])
+    report.end()
+
+
+if __name__ == "__main__":
+    main()
