@@ -12,7 +12,10 @@ use crate::rt::rarely::Rarely;
 const LOOK_EVERY_NS: i64 = 250_000_000;
 
 /// Unusable frames are said this long after the first (nanoseconds), so that their number tells something.
-const SAY_AFTER_NS: i64 = 1_000_000_000;
+const SAY_AFTER_NS: i64 = 750_000_000;
+
+/// A camera that gave no frame for this long gives none (nanoseconds).
+const SILENT_NS: i64 = 3_000_000_000;
 
 /// What is asked of a camera here.
 pub(super) trait Camera: FrameSource {
@@ -64,15 +67,19 @@ pub(super) struct Notes {
     told: Lost,
     /// When it was looked at the frames last; 0 before the first time.
     looked_ns: i64,
-    /// Usable frames, and when there were fewer for the last time.
+    /// Frames and usable frames, and when there were fewer for the last time.
+    frames: u64,
+    frames_ns: i64,
     usable: u64,
     usable_ns: i64,
+    /// It is told that no frame comes.
+    silent: bool,
     /// Unusable frames that were logged, and when the first one was seen that was not.
     logged: u64,
     first_ns: Option<i64>,
     some: Rarely,
-    /// It was said that no frame can be used any more.
-    none_usable: bool,
+    /// Why no frame can be used any more, in words.
+    none_usable: Option<String>,
     none: Rarely,
     restarts: Rarely,
 }
@@ -82,14 +89,37 @@ impl Attended<'_> {
     fn look(&mut self, now_ns: i64) -> Step {
         self.pulse.lost(self.camera.lost(), &mut self.notes.told);
         if self.notes.looked_ns == 0 {
-            self.notes.usable_ns = now_ns;
+            (self.notes.usable_ns, self.notes.frames_ns) = (now_ns, now_ns);
         } else if now_ns.saturating_sub(self.notes.looked_ns) < LOOK_EVERY_NS {
             return Step::GoOn;
         }
         self.notes.looked_ns = now_ns;
         let (frames, unusable) = self.pulse.stream_counts();
+        self.watch_silence(now_ns, frames);
         self.say(now_ns, frames, unusable);
         self.recovery.look(now_ns, frames, unusable)
+    }
+
+    /// Tells what the daemon is at, and what is wrong with it.
+    fn tell(&self) {
+        let what = match &self.notes {
+            Notes { silent: true, .. } => format!("{}; no frame comes", self.what),
+            Notes { none_usable: Some(words), .. } => format!("{}; {words}", self.what),
+            _ => self.what.clone(),
+        };
+        self.pulse.doing(what, State::Streaming);
+    }
+
+    /// Tells when no frame comes, and when one does again; the capture logs it, and restarts the stream.
+    fn watch_silence(&mut self, now_ns: i64, frames: u64) {
+        let notes = &mut self.notes;
+        if frames > notes.frames {
+            (notes.frames, notes.frames_ns) = (frames, now_ns);
+        }
+        let silent = now_ns.saturating_sub(notes.frames_ns) >= SILENT_NS;
+        if std::mem::replace(&mut notes.silent, silent) != silent {
+            self.tell();
+        }
     }
 
     /// Logs frames that cannot be used: a moment after the first, and when there are no others any more; then ever more rarely.
@@ -97,11 +127,13 @@ impl Attended<'_> {
         let (notes, usable) = (&mut self.notes, frames.saturating_sub(unusable));
         if usable > notes.usable {
             (notes.usable, notes.usable_ns) = (usable, now_ns);
-            if std::mem::take(&mut notes.none_usable) {
-                tracing::info!("the camera's frames can be used again");
-                self.pulse.doing(self.what.clone(), State::Streaming);
+            if notes.none_usable.take().is_some() {
+                (notes.logged, notes.first_ns) = (unusable, None);
+                tracing::info!("the camera's frames can be used again; {unusable} of {frames} could not");
+                self.tell();
             }
         }
+        let notes = &mut self.notes;
         if unusable == notes.logged {
             return;
         }
@@ -109,20 +141,20 @@ impl Attended<'_> {
         if now_ns.saturating_sub(first_ns) < SAY_AFTER_NS {
             return;
         }
-        let ends = now_ns.saturating_sub(notes.usable_ns) >= SAY_AFTER_NS && !notes.none_usable;
+        let ends = now_ns.saturating_sub(notes.usable_ns) >= SAY_AFTER_NS && notes.none_usable.is_none();
         let due = notes.some.is_due(now_ns) | (ends && notes.none.is_due(now_ns));
         if !due && !ends {
             return;
         }
         let (frames, reasons) = self.pulse.stream();
         let Some(words) = reasons.in_words(frames) else { return };
-        if ends {
-            notes.none_usable = true;
-            self.pulse.doing(format!("{}; {words}", self.what), State::Streaming);
-        }
         if due {
             (notes.logged, notes.first_ns) = (unusable, None);
             tracing::warn!("{words}");
+        }
+        if ends {
+            notes.none_usable = Some(words);
+            self.tell();
         }
     }
 
@@ -188,13 +220,13 @@ mod tests {
 
     const SIZE: (u32, u32) = (64, 48);
 
-    /// Gives a frame each 33 ms of a clock that goes on by that alone: raw ones that are whole while `is_whole` says so.
+    /// Gives a frame each 33 ms of a clock that goes on by that alone: raw ones that are whole while `is_whole` says so; none for `None`.
     struct Fake {
         format: StreamFormat,
         clock: &'static AtomicI64,
         bytes: Vec<u8>,
         given: u64,
-        is_whole: fn(u64) -> bool,
+        is_whole: fn(u64) -> Option<bool>,
         ends_at: u64,
         restarts: Vec<u64>,
     }
@@ -212,8 +244,9 @@ mod tests {
             std::thread::sleep(std::time::Duration::from_millis(1));
             let time_ns = self.clock.fetch_add(33_333_333, Relaxed);
             let stamp = Stamp { time_ns, sequence: self.given, ..Stamp::default() };
-            let len = if (self.is_whole)(self.given) { self.bytes.len() } else { 7 };
             self.given += 1;
+            let Some(is_whole) = (self.is_whole)(self.given - 1) else { return Ok(Lent::Idle) };
+            let len = if is_whole { self.bytes.len() } else { 7 };
             Ok(Lent::Frame(RawFrame { format: self.format, bytes: &self.bytes[..len], stamp }))
         }
     }
@@ -263,7 +296,7 @@ mod tests {
         status: Status,
     }
 
-    fn run(clock: (fn() -> i64, &'static AtomicI64), is_whole: fn(u64) -> bool, ends_at: u64) -> Ran {
+    fn run(clock: (fn() -> i64, &'static AtomicI64), is_whole: fn(u64) -> Option<bool>, ends_at: u64) -> Ran {
         let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::Yuyv, (1, 30));
         let bytes = vec![128; format.frame_bytes().unwrap()];
         let mut camera = Fake { format, clock: clock.1, bytes, given: 0, is_whole, ends_at, restarts: Vec::new() };
@@ -300,7 +333,7 @@ mod tests {
     #[test]
     fn a_camera_of_which_nothing_can_be_used_is_restarted_and_left_and_all_is_said() {
         static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
-        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |_| false, u64::MAX);
+        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |_| Some(false), u64::MAX);
         assert_eq!((ran.step, ran.restarts.len()), (Step::NextFormat, 1));
         assert!((90..100).contains(&ran.restarts[0]), "after three seconds: {:?}", ran.restarts);
         assert_eq!(ran.drawn, 0, "neither black nor anything else is drawn");
@@ -319,12 +352,22 @@ mod tests {
     fn a_picture_is_held_for_two_seconds_and_what_comes_back_is_shown() {
         static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
         // Ten good seconds, four bad ones, two good ones.
-        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |n| !(300..420).contains(&n), 480);
+        let ran = run((|| CLOCK.load(Relaxed), &CLOCK), |n| Some(!(300..420).contains(&n)), 480);
         assert_eq!((ran.step, ran.restarts.len()), (Step::GoOn, 1));
         assert_eq!(ran.drawn + ran.placeholders + ran.dropped, 480);
         // The first second's pictures and the rest may be given up on a machine that is slow; never are they replaced.
         assert!(ran.placeholders <= 60, "{} in place of the last two seconds' frames", ran.placeholders);
         assert!(ran.placeholders > 0 || ran.dropped >= 59);
         assert_eq!((ran.status.what.as_str(), ran.status.unusable.unwrap().frames), ("a to b", 120));
+    }
+
+    #[test]
+    fn a_camera_that_falls_silent_is_told_of_and_left_alone() {
+        static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
+        let silent = run((|| CLOCK.load(Relaxed), &CLOCK), |n| (n < 60).then_some(true), 300);
+        assert_eq!((silent.step, silent.restarts.len()), (Step::GoOn, 0), "its capture restarts it");
+        assert_eq!((silent.status.what.as_str(), silent.status.unusable), ("a to b; no frame comes", None));
+        let back = run((|| CLOCK.load(Relaxed), &CLOCK), |n| (!(60..240).contains(&n)).then_some(true), 300);
+        assert_eq!(back.status.what, "a to b");
     }
 }

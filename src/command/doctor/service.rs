@@ -10,6 +10,9 @@ use crate::pipeline::Reason;
 /// One unusable frame of so many is nothing to act upon.
 const FEW: u64 = 100;
 
+/// A camera that was opened gives its first frame within this time (seconds).
+const SETTLED_S: f64 = 5.0;
+
 /// What `systemctl show` says of the unit, as it prints it.
 pub(super) fn shown(unit: &str) -> Option<String> {
     let properties = "LoadState,ActiveState,SubState,UnitFileState,NRestarts,Result,StatusText";
@@ -70,6 +73,10 @@ pub(super) fn frames(status: &Status) -> Vec<Finding> {
             () => Finding::note("frames", what),
         });
     }
+    if status.camera.is_some() && status.state == "streaming" && status.fps == 0.0 && status.since_s > SETTLED_S {
+        let mend = "unplug the camera and plug it in again; journalctl -u gimbald -n 30 says what was tried";
+        findings.push(Finding::fault("frames", "the camera is open and gives no frame", mend));
+    }
     for FormatLeft { camera, format, what } in &status.formats_left {
         let what = format!("{format} of {camera} is not used: {what}");
         let mend =
@@ -108,6 +115,7 @@ pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
 mod tests {
     use super::*;
     use crate::command::doctor::finding::Severity;
+    use crate::control::CameraNow;
 
     #[test]
     fn frames_that_cannot_be_used_are_judged_by_their_share() {
@@ -129,6 +137,11 @@ mod tests {
         let status = Status { formats_left: vec![left], ..Status::default() };
         assert!(frames_of(&status)[0].to_string().contains("mjpeg of C is not used: why"));
         assert_eq!(frames_of(&Status::default()), []);
+        let silent =
+            Status { camera: Some(CameraNow::default()), state: "streaming".into(), since_s: 9.0, ..Status::default() };
+        assert!(frames_of(&silent)[0].what.contains("gives no frame"));
+        assert_eq!(frames_of(&Status { fps: 30.0, ..silent.clone() }), []);
+        assert_eq!(frames_of(&Status { since_s: 1.0, ..silent }), [], "it was just opened");
     }
 
     #[test]

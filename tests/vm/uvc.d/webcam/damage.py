@@ -34,6 +34,8 @@ def picture(stream, knobs, chance, pictures, counts):
 
 def compressed(frame, stream, knobs, chance, pictures):
     """A JPEG as the knobs have it."""
+    if knobs["nojpeg"]:
+        return chance.randbytes(4000)
     other = knobs["othersize"]
     if other.startswith("+"):
         frame = jpeg.with_rows(frame, stream.size[1] + int(other))

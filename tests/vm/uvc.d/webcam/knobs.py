@@ -8,6 +8,7 @@ KNOBS = {
     "zeros": (0, "zero bytes after each JPEG's end"),
     "app4": (0, "random bytes in APP4 segments before the picture (a C920's muxed H.264)"),
     "doublesoi": (0, "1: a second SOI and a comment before the picture"),
+    "nojpeg": (0, "1: random bytes in place of each JPEG"),
     "corrupt": (0.0, "chance that bytes in the middle of the picture are flipped"),
     "cut": (0.0, "chance that a frame ends halfway (JPEG without end, YUYV too short)"),
     "empty": (0.0, "chance that a frame has no byte"),
