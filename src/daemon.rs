@@ -137,13 +137,14 @@ impl Drop for RingAtEnd<'_> {
 
 /// A stream's frames as people say it: what did not happen is left out.
 fn in_words(totals: &Totals) -> String {
-    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, dropped, ref unusable } = *totals;
+    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, cut, dropped, ref unusable } = *totals;
     let mut words = format!("{frames_in} frames in, {frames_out} out");
     for (count, what) in [
         (stabilized, "stabilized"),
         (held, "repeated"),
         (passed_through, "uncorrected"),
         (damaged, "unusable"),
+        (cut, "shown in part"),
         (dropped, "given up for a newer one"),
     ] {
         if count > 0 {

@@ -203,6 +203,8 @@ pub struct Frame {
     pub picture: Picture,
     /// Whether `picture` holds this frame; false where its data was damaged.
     pub intact: bool,
+    /// Whether the lower part of `picture` is the picture before's: the end of this frame's data was missing.
+    pub cut: bool,
     /// Luma at lower resolutions.
     pub pyramid: Pyramid,
     /// What the stages found out.

@@ -25,7 +25,9 @@ fn film(name: &str, params: &Params) -> Clip {
     let (mut unpack, mut picture) = (Unpack::default(), Picture::default());
     while let Lent::Frame(frame) = source.lend().unwrap() {
         let format = frame.format;
-        unpack.unpack(format.pixel, (format.width, format.height), format.stride, frame.bytes, &mut picture).unwrap();
+        unpack
+            .unpack(format.pixel, format.colour.range, (format.width, format.height), format.stride, frame.bytes, &mut picture)
+            .unwrap();
         sink.canvas().unwrap().planes.iter_mut().zip(picture.as_ref().planes).for_each(|(to, from)| to.copy_from(from));
         sink.submit(&frame.stamp).unwrap();
     }

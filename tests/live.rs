@@ -170,7 +170,7 @@ fn a_pipeline_that_runs_takes_changes_and_says_what_it_carries() {
     let mut source = OneByOne { script: Script::new(shots), sent: &sent };
     let mut sink = NullSink::new(&source.format());
     let totals = run_live(&mut source, &mut sink, &on, &live, &Stop::default(), &mut changing).unwrap();
-    let Counts { frames_in, unusable, dropped } = live.counts();
+    let Counts { frames_in, unusable, dropped, cut: _ } = live.counts();
     assert_eq!((frames_in, unusable[Reason::Marked as usize], unusable.iter().sum::<u64>(), dropped), (FRAMES as u64, 1, 1, 0));
     assert_eq!((totals.frames_in, totals.frames_out), (FRAMES as u64, FRAMES as u64));
     let off: Vec<usize> =

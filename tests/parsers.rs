@@ -4,7 +4,7 @@ use gimbald::device::recording::{RecordingSource, RecordingWriter};
 use gimbald::device::y4m::Y4mSource;
 use gimbald::device::{DeviceError, FrameSource, Input, Lent, Output, RawFrame, StreamFormat, replay};
 use gimbald::frame::{FrameFlags, Stamp};
-use gimbald::image::{Picture, PixelFormat};
+use gimbald::image::{Picture, PixelFormat, Range};
 use gimbald::stage::unpack::{Unpack, UnpackError};
 use proptest::prelude::*;
 use std::io::{self, Cursor, Read, Write};
@@ -242,10 +242,13 @@ proptest! {
         }
         let mut unpack = Unpack::new();
         let mut picture = Picture::default();
-        let mut decode = |bytes: &[u8]| unpack.unpack(PixelFormat::Mjpeg, (400, 300), 0, bytes, &mut picture);
-        // A changed byte may well make another whole picture; a missing end cannot.
+        let mut decode = |bytes: &[u8]| unpack.unpack(PixelFormat::Mjpeg, Range::Full, (400, 300), 0, bytes, &mut picture);
+        // A changed byte may well make another whole picture; a missing end cannot, and is an exception where most come whole.
+        for _ in 0..6 {
+            prop_assert_eq!(decode(&whole), Ok(()));
+        }
         let _ = decode(&changed);
-        prop_assert!(decode(&whole[..cut]).is_err());
+        prop_assert!(decode(&whole[..cut.min(whole.len() - 3)]).is_err());
         prop_assert_eq!(decode(&whole), Ok(()), "the next picture is well");
     }
 }
@@ -289,7 +292,8 @@ fn monstrous_claims_take_no_memory() {
     let mut jpeg = jpegs().swap_remove(0);
     let header = jpeg.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
     jpeg[header + 5..header + 9].copy_from_slice(&[0xff, 0xdc, 0xff, 0xdc]);
-    let error = Unpack::new().unpack(PixelFormat::Mjpeg, (400, 300), 0, &jpeg, &mut Picture::default()).unwrap_err();
+    let error =
+        Unpack::new().unpack(PixelFormat::Mjpeg, Range::Full, (400, 300), 0, &jpeg, &mut Picture::default()).unwrap_err();
     assert_eq!(error, UnpackError::SizeMismatch { found: (65500, 65500), expected: (400, 300) });
     // Other tests of this file run beside this one, with some MiB of their own.
     let grown = peak_mib() - before;

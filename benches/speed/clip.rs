@@ -17,7 +17,14 @@ pub fn neighbours([width, height]: [u32; 2]) -> [Frame; 2] {
         let mut frame = Frame::default();
         let format = raw.format;
         unpack
-            .unpack(format.pixel, (format.width, format.height), format.stride, raw.bytes, &mut frame.picture)
+            .unpack(
+                format.pixel,
+                format.colour.range,
+                (format.width, format.height),
+                format.stride,
+                raw.bytes,
+                &mut frame.picture,
+            )
             .expect("the camera's frames are whole");
         pyramid::build(Level::detected(), frame.picture.luma(), &mut frame.pyramid);
         frame.intact = true;

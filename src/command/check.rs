@@ -82,7 +82,7 @@ struct Found {
     frames: u64,
     /// Frames that cannot be used.
     unusable: Reasons,
-    /// Frames that are marked as shorter than they should be, and can be used.
+    /// Frames that are shorter than they should be, and can be used.
     truncated: u64,
     /// Frames that the camera counted but did not give.
     missing: u64,
@@ -134,7 +134,7 @@ fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), D
         }
         (found.last_ns, found.last_sequence) = (stamp.time_ns, stamp.sequence);
         match decoder.decode(&frame, &mut picture) {
-            Ok(()) => found.truncated += u64::from(stamp.flags.contains(FrameFlags::TRUNCATED)),
+            Ok(()) => found.truncated += u64::from(stamp.flags.contains(FrameFlags::TRUNCATED) || decoder.is_cut()),
             Err(why) => found.unusable.add(&why),
         }
         found.frames += 1;

@@ -87,7 +87,7 @@ fn film(camera: &synthetic::Params, path: &Path, stop: &Stop) -> Result<(), Fail
     while let (false, Lent::Frame(frame)) = (stop.is_set(), source.lend()?) {
         let format = frame.format;
         unpack
-            .unpack(format.pixel, (format.width, format.height), format.stride, frame.bytes, &mut picture)
+            .unpack(format.pixel, format.colour.range, (format.width, format.height), format.stride, frame.bytes, &mut picture)
             .map_err(|error| Failure::new(Exit::BadData, format!("the synthetic camera's frame: {error}")))?;
         sink.canvas()?.planes.iter_mut().zip(picture.as_ref().planes).for_each(|(to, from)| to.copy_from(from));
         sink.submit(&frame.stamp)?;

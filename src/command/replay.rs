@@ -84,8 +84,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// # Errors
 /// Where that is all of it.
 fn judged(input: &Path, output: &Path, totals: &Totals) -> Result<(), Failure> {
-    let Some(why) = totals.unusable.in_words(totals.frames_in) else { return Ok(()) };
     let input = input.display();
+    if totals.cut > 0 {
+        let (cut, all) = (totals.cut, totals.frames_in);
+        warn(&format!(
+            "{input}: {cut} of {all} frames are cut off; in place of what is missing of each the picture before is shown"
+        ));
+    }
+    let Some(why) = totals.unusable.in_words(totals.frames_in) else { return Ok(()) };
     if totals.damaged < totals.frames_in {
         warn(&format!("{input}: {why}; in place of each the picture before was shown again"));
         return Ok(());

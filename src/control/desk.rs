@@ -134,7 +134,7 @@ impl Desk {
         self.tally.tell(&mut status);
         let counts = self.live.counts();
         status.frames.captured = counts.frames_in;
-        (status.drops.damaged, status.drops.behind) = (counts.damaged(), counts.dropped);
+        (status.drops.damaged, status.drops.cut, status.drops.behind) = (counts.damaged(), counts.cut, counts.dropped);
         let counted = Reason::ALL.into_iter().zip(counts.unusable).filter(|(_, count)| *count > 0);
         status.unusable_frames = counted.map(|(reason, count)| (reason.name().to_owned(), count)).collect();
         let (of, reasons) = self.live.stream();

@@ -68,8 +68,14 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     text.count("captured_frames_total", "Frames that cameras gave.", captured);
     let outcomes = [("stabilized", stabilized), ("repeated", held), ("uncorrected", passed_through)];
     text.counts("sent_frames_total", "Frames sent, by what became of them.", "outcome", &outcomes);
-    let Drops { camera_missing, camera_stale, damaged, behind, failed_transfers, restarts } = status.drops;
-    let causes = [("camera_missing", camera_missing), ("camera_stale", camera_stale), ("damaged", damaged), ("behind", behind)];
+    let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = status.drops;
+    let causes = [
+        ("camera_missing", camera_missing),
+        ("camera_stale", camera_stale),
+        ("damaged", damaged),
+        ("cut", cut),
+        ("behind", behind),
+    ];
     text.counts("lost_frames_total", "Frames that were not shown as they should have been, by cause.", "cause", &causes);
     let reasons = Reason::ALL.map(Reason::name).map(|name| (name, status.unusable_frames.get(name).copied().unwrap_or(0)));
     text.counts("unusable_frames_total", "Frames that could not be used, by reason.", "reason", &reasons);

@@ -143,6 +143,8 @@ pub struct Drops {
     pub camera_stale: u64,
     /// They could not be used; [`Status::unusable_frames`] has them by reason.
     pub damaged: u64,
+    /// Their end was missing, and the picture's before was shown in its place.
+    pub cut: u64,
     /// A newer one was there before they could be worked on.
     pub behind: u64,
     /// Not frames, but transfers from the camera that failed: the driver gave all its buffers back empty. What frames were lost by
@@ -248,12 +250,13 @@ impl fmt::Display for Status {
         let Frames { captured, sent, stabilized, held, passed_through } = self.frames;
         line("frames", &format!("{captured} from the camera, {sent} sent"))?;
         line("  of them", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
-        let Drops { camera_missing, camera_stale, damaged, behind, failed_transfers, restarts } = self.drops;
+        let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = self.drops;
         let mut lost = String::new();
         for (count, why) in [
             (camera_missing, "missing from the camera"),
             (camera_stale, "stale at the camera"),
             (damaged, "damaged"),
+            (cut, "shown in part"),
             (behind, "given up for a newer one"),
             (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
             (restarts, if restarts == 1 { "restart of the stream" } else { "restarts of the stream" }),

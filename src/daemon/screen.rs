@@ -41,7 +41,7 @@ impl Screen {
             width: format.width & !1,
             height: format.height & !1,
             interval: format.interval,
-            colour: format.colour,
+            colour: format.planar().colour,
             buffers: 4,
             create: settings.output.create,
         };

@@ -69,7 +69,8 @@ impl StreamFormat {
         }
     }
 
-    /// The planar format of the pictures that frames of this format become (see [`Self::sampling`]), rows without padding.
+    /// The planar format of the pictures that frames of this format become (see [`Self::sampling`] and [`Colour::inside`]), rows without
+    /// padding.
     pub fn planar(&self) -> Self {
         let pixel = match self.sampling() {
             Sampling::Mono => PixelFormat::Grey,
@@ -77,7 +78,8 @@ impl StreamFormat {
             Sampling::S422 => PixelFormat::I422,
             Sampling::S444 => PixelFormat::I444,
         };
-        Self { pixel, stride: pixel.tight_stride(self.width), ..*self }
+        let colour = self.colour.inside(self.pixel);
+        Self { pixel, stride: pixel.tight_stride(self.width), colour, ..*self }
     }
 
     /// An empty picture of this format's size and [`Self::sampling`].

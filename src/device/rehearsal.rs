@@ -156,7 +156,9 @@ mod tests {
                 let wanted = frame.bytes.to_vec();
                 let Lent::Frame(frame) = source.lend().unwrap() else { panic!("too few frames") };
                 let mut picture = Picture::default();
-                Unpack::new().unpack(pixel, (96, 64), frame.format.stride, frame.bytes, &mut picture).unwrap();
+                Unpack::new()
+                    .unpack(pixel, frame.format.colour.range, (96, 64), frame.format.stride, frame.bytes, &mut picture)
+                    .unwrap();
                 let mut off = 0.0;
                 for (y, row) in wanted[..96 * 64].chunks(96).enumerate() {
                     for (a, b) in row.iter().zip(picture.luma().row(y)) {

@@ -74,6 +74,11 @@ impl PixelFormat {
         self == Self::Mjpeg
     }
 
+    /// Whether samples are R, G and B.
+    pub fn is_rgb(self) -> bool {
+        matches!(self, Self::Rgb24 | Self::Bgr24)
+    }
+
     /// Whether pictures of `width` x `height` are too large to be decoded: more than [`MOST_COMPRESSED_PIXELS`].
     pub fn is_too_large(self, width: u32, height: u32) -> bool {
         self.is_compressed() && u64::from(width) * u64::from(height) > MOST_COMPRESSED_PIXELS
@@ -110,39 +115,6 @@ impl fmt::Display for PixelFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(std::str::from_utf8(&self.fourcc()).unwrap_or("????"))
     }
-}
-
-/// The numbers that black and white have in luma.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Range {
-    /// Nothing said; taken as limited.
-    #[default]
-    Unknown,
-    /// 16 to 235.
-    Limited,
-    /// 0 to 255.
-    Full,
-}
-
-/// Where a 4:2:0 chroma sample lies among its four luma samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Siting {
-    /// In their middle, as JPEG and MPEG-1 have it; also where nothing is said.
-    #[default]
-    Centre,
-    /// Midway between the left two, as MPEG-2 and H.264 have it.
-    Left,
-    /// On the top-left one (PAL-DV puts it so, U and V on alternate rows; taken as one).
-    TopLeft,
-}
-
-/// What a stream says of its samples' meaning; carried from source to sink.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Colour {
-    /// Range of the samples.
-    pub range: Range,
-    /// Place of 4:2:0 chroma.
-    pub siting: Siting,
 }
 
 #[cfg(test)]

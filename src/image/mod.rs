@@ -1,14 +1,16 @@
-//! Pixels in memory: planes, pictures and the names of raw formats. Where a pixel lies, never what it means.
+//! Pixels in memory: planes, pictures, the names of raw formats, and what samples mean.
 //!
 //! Coordinates everywhere in gimbald: pixel centres lie at whole numbers, (0, 0) is the centre of the top-left pixel, x goes
 //! right, y goes down.
 
+mod colour;
 mod format;
 mod picture;
 mod plane;
 mod raw;
 
-pub use format::{Colour, MOST_COMPRESSED_PIXELS, PixelFormat, Range, Siting};
-pub use picture::{BLACK, Picture, PictureMut, PictureRef, Sampling};
+pub use colour::{BLACK, Colour, FromRgb, Range, Siting, ToLimited, rgb};
+pub use format::{MOST_COMPRESSED_PIXELS, PixelFormat};
+pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;

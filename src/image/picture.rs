@@ -1,9 +1,6 @@
 //! A picture: luma and two chroma planes, the one form in which frames travel inside gimbald.
 
-use super::{Plane, PlaneMut, PlaneRef};
-
-/// Black in limited range: luma, and both of chroma.
-pub const BLACK: [u8; 2] = [16, 128];
+use super::{BLACK, Plane, PlaneMut, PlaneRef};
 
 /// How many chroma samples a picture has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -39,7 +36,7 @@ impl Sampling {
     }
 }
 
-/// An owned planar picture, 8 bits a sample; U and V are centred on 128.
+/// An owned planar picture, 8 bits a sample: BT.601, limited range, as [`Colour::inside`](super::Colour::inside) says.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Picture {
     sampling: Sampling,
@@ -137,7 +134,7 @@ impl PictureMut<'_> {
         self.planes[0].height()
     }
 
-    /// Makes the picture black (limited range).
+    /// Makes the picture black.
     pub fn blacken(&mut self) {
         let [y, u, v] = &mut self.planes;
         y.fill(BLACK[0]);

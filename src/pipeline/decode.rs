@@ -24,7 +24,12 @@ impl Decoder {
         if bytes.is_empty() {
             return Err(Unusable::Empty);
         }
-        Ok(self.0.unpack(format.pixel, (format.width, format.height), format.stride, bytes, into)?)
+        Ok(self.0.unpack(format.pixel, format.colour.range, (format.width, format.height), format.stride, bytes, into)?)
+    }
+
+    /// Whether the last picture is part of its frame only, the rest being the picture's before (see [`Unpack::shortfall`]).
+    pub fn is_cut(&self) -> bool {
+        self.0.shortfall().is_some()
     }
 }
 
@@ -48,7 +53,7 @@ impl Unusable {
         match self {
             Self::Marked => Reason::Marked,
             Self::Empty => Reason::Empty,
-            Self::Undecodable(UnpackError::Truncated { .. }) => Reason::Truncated,
+            Self::Undecodable(UnpackError::Truncated { .. } | UnpackError::Cut { .. }) => Reason::Truncated,
             Self::Undecodable(UnpackError::SizeMismatch { .. }) => Reason::Size,
             Self::Undecodable(UnpackError::Impossible { .. } | UnpackError::Unsupported { .. }) => Reason::Unsupported,
             Self::Undecodable(UnpackError::Damaged { .. }) => Reason::Damaged,

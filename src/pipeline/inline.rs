@@ -21,6 +21,8 @@ pub struct Totals {
     pub passed_through: u64,
     /// Frames that could not be used.
     pub damaged: u64,
+    /// Frames whose end was missing, shown with the picture's before in its place.
+    pub cut: u64,
     /// Frames given up because a newer one was there (live only).
     pub dropped: u64,
     /// Why frames could not be used.
@@ -56,7 +58,7 @@ pub fn run_inline(
             Ok(Lent::End) => break Ok(()),
             Err(error) => break Err(error),
         };
-        totals.count_in(&filled);
+        totals.count_in(&filled, frame.cut);
         stabilizer.take_in(frame);
         totals.emit_all(&mut stabilizer, sink, observer, |frame| pool.push(frame))?;
     };
@@ -67,8 +69,9 @@ pub fn run_inline(
 }
 
 impl Totals {
-    pub(super) fn count_in(&mut self, filled: &Result<(), Unusable>) {
+    pub(super) fn count_in(&mut self, filled: &Result<(), Unusable>, cut: bool) {
         self.frames_in += 1;
+        self.cut += u64::from(cut);
         if let Err(why) = filled {
             self.damaged += 1;
             self.unusable.add(why);
@@ -112,6 +115,7 @@ impl Capture {
         frame.stamp = raw.stamp;
         let filled = self.0.decode(raw, &mut frame.picture);
         frame.intact = filled.is_ok();
+        frame.cut = frame.intact && self.0.is_cut();
         frame.context.spent_ns[Stage::Unpack as usize] = clock::monotonic_ns().saturating_sub(started) as u64;
         filled
     }

@@ -16,6 +16,8 @@ pub struct Live {
     frames_in: AtomicU64,
     /// Frames that could not be used, by [`Reason`].
     unusable: [AtomicU64; Reason::COUNT],
+    /// Frames whose end was missing, shown all the same.
+    cut: AtomicU64,
     /// Frames given up because a newer one was there.
     dropped: AtomicU64,
     /// `frames_in` and `unusable` as they were when the present stream began.
@@ -33,6 +35,8 @@ pub struct Counts {
     pub frames_in: u64,
     /// Frames that could not be used, by [`Reason`].
     pub unusable: [u64; Reason::COUNT],
+    /// Frames whose end was missing, shown with the picture's before in its place.
+    pub cut: u64,
     /// Frames given up because a newer one was there.
     pub dropped: u64,
 }
@@ -52,6 +56,7 @@ impl Live {
             params: Mutex::new(*params),
             frames_in: AtomicU64::new(0),
             unusable: Default::default(),
+            cut: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
             frames_before: AtomicU64::new(0),
             unusable_before: Default::default(),
@@ -77,6 +82,7 @@ impl Live {
         Counts {
             frames_in: of(&self.frames_in),
             unusable: std::array::from_fn(|kind| of(&self.unusable[kind])),
+            cut: of(&self.cut),
             dropped: of(&self.dropped),
         }
     }
@@ -126,8 +132,9 @@ impl Live {
         Some(params)
     }
 
-    /// One atomic addition for a frame that can be used; words are kept of the first of each kind that cannot.
-    pub(super) fn count_in(&self, filled: &Result<(), Unusable>) {
+    /// Atomic additions for a frame that can be used; words are kept of the first of each kind that cannot.
+    pub(super) fn count_in(&self, filled: &Result<(), Unusable>, cut: bool) {
+        self.cut.fetch_add(u64::from(cut), Ordering::Relaxed);
         if let Err(why) = filled {
             let kind = why.reason() as usize;
             self.unusable[kind].fetch_add(1, Ordering::Relaxed);
@@ -156,14 +163,14 @@ mod tests {
     fn reasons_are_those_of_the_present_stream_and_counts_those_of_all() {
         let live = Live::new(&Params::default());
         live.begin();
-        live.count_in(&Ok(()));
-        live.count_in(&Err(Unusable::Empty));
-        live.count_in(&Err(Unusable::Empty));
+        live.count_in(&Ok(()), false);
+        live.count_in(&Err(Unusable::Empty), false);
+        live.count_in(&Err(Unusable::Empty), false);
         let (frames, reasons) = live.stream();
         assert_eq!(reasons.in_words(frames).unwrap(), "2 of 3 frames cannot be used: the frame has no bytes");
         live.begin();
         assert_eq!(live.stream(), (0, Reasons::default()));
-        live.count_in(&Err(Unusable::Marked));
+        live.count_in(&Err(Unusable::Marked), false);
         let (frames, reasons) = live.stream();
         assert_eq!((frames, reasons.total(), reasons.main()), (1, 1, Some(Reason::Marked)));
         assert!(reasons.in_words(1).unwrap().contains("marked as damaged"), "{reasons:?}");

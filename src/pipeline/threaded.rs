@@ -99,7 +99,7 @@ fn run(
         drop((mailbox, free));
         let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         totals.frames_in = captured.frames_in;
-        totals.damaged = captured.damaged;
+        (totals.damaged, totals.cut) = (captured.damaged, captured.cut);
         totals.unusable = captured.unusable;
         totals.dropped += captured.dropped;
         sent?;
@@ -177,8 +177,8 @@ impl HandOver<'_> {
                 Ok(Lent::End) => break,
                 Err(error) => return (totals, Err(error)),
             };
-            totals.count_in(&filled);
-            self.live.count_in(&filled);
+            totals.count_in(&filled, frame.cut);
+            self.live.count_in(&filled, frame.cut);
             if !self.send(frame, &mut spare, &mut totals) {
                 break;
             }

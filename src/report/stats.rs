@@ -71,6 +71,7 @@ impl Stats {
                 "held": totals.held,
                 "passed_through": totals.passed_through,
                 "damaged": totals.damaged,
+                "cut": totals.cut,
                 "dropped": totals.dropped,
                 "unusable": unusable,
             },
@@ -97,6 +98,7 @@ impl Observer for Stats {
         self.total.add(total);
         self.seen.frames_in += 1;
         self.seen.frames_out += 1;
+        self.seen.cut += u64::from(frame.cut);
         match frame.context.outcome {
             Outcome::Stabilized => self.seen.stabilized += 1,
             Outcome::Held(HoldReason::Damaged) => {

@@ -195,7 +195,16 @@ impl gimbald::pipeline::Observer for Memory {
 pub fn frame_of(shot: &Shot) -> Frame {
     let mut frame = Frame { stamp: shot.stamp, intact: true, ..Frame::default() };
     let format = shot.format;
-    Unpack::new().unpack(format.pixel, (format.width, format.height), format.stride, &shot.bytes, &mut frame.picture).unwrap();
+    Unpack::new()
+        .unpack(
+            format.pixel,
+            format.colour.range,
+            (format.width, format.height),
+            format.stride,
+            &shot.bytes,
+            &mut frame.picture,
+        )
+        .unwrap();
     pyramid::build(Level::detected(), frame.picture.luma(), &mut frame.pyramid);
     frame
 }

@@ -243,7 +243,7 @@ fn no_frame_takes_memory_between_the_devices() {
         let mut step = || match camera.lend() {
             Ok(Lent::Frame(frame)) => {
                 let (format, stamp) = (frame.format, frame.stamp);
-                unpack.unpack(format.pixel, (640, 480), format.stride, frame.bytes, &mut picture).is_ok()
+                unpack.unpack(format.pixel, format.colour.range, (640, 480), format.stride, frame.bytes, &mut picture).is_ok()
                     && sink.canvas().is_ok_and(|canvas| {
                         canvas.planes.into_iter().zip(picture.as_ref().planes).for_each(|(mut to, from)| to.copy_from(from));
                         true

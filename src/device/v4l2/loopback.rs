@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rustix::io::Errno;
 use v4l::v4l_sys::{
-    V4L2_CAP_VIDEO_OUTPUT, v4l2_colorspace_V4L2_COLORSPACE_SRGB, v4l2_quantization_V4L2_QUANTIZATION_DEFAULT,
-    v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE, v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
+    V4L2_CAP_VIDEO_OUTPUT, V4L2_PIX_FMT_PRIV_MAGIC, v4l2_colorspace_V4L2_COLORSPACE_SRGB,
+    v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE, v4l2_ycbcr_encoding_V4L2_YCBCR_ENC_601,
 };
 
 use super::super::{DeviceError, FrameSink, StreamFormat};
@@ -16,7 +16,7 @@ use super::find::candidates;
 use super::node::{Direction, Node, wish};
 use super::queue::Queue;
 use crate::frame::Stamp;
-use crate::image::{Colour, Picture, PictureMut, PixelFormat, Range, RawLayout, Sampling};
+use crate::image::{Colour, Picture, PictureMut, PixelFormat, RawLayout, Sampling};
 use crate::kernel::{Level, convert::pack};
 use crate::rt::clock::monotonic_ns;
 
@@ -342,12 +342,11 @@ fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, Devi
     let tight = StreamFormat::tight(params.width, params.height, params.pixel, params.interval);
     asked.bytesperline = u32::try_from(tight.stride).unwrap_or(0);
     asked.sizeimage = tight.frame_bytes().and_then(|bytes| u32::try_from(bytes).ok()).unwrap_or(0);
+    // What pictures are inside, for modules that pass it on to readers (0.12); V4L2 ignores all but the first where `priv` is not set.
     asked.colorspace = v4l2_colorspace_V4L2_COLORSPACE_SRGB;
-    asked.quantization = match params.colour.range {
-        Range::Unknown => v4l2_quantization_V4L2_QUANTIZATION_DEFAULT,
-        Range::Limited => v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE,
-        Range::Full => v4l2_quantization_V4L2_QUANTIZATION_FULL_RANGE,
-    };
+    asked.priv_ = V4L2_PIX_FMT_PRIV_MAGIC;
+    asked.quantization = v4l2_quantization_V4L2_QUANTIZATION_LIM_RANGE;
+    asked.__bindgen_anon_1.ycbcr_enc = v4l2_ycbcr_encoding_V4L2_YCBCR_ENC_601;
     let given = node.set_format(Direction::Output, asked).map_err(|errno| match errno {
         Errno::INVAL => DeviceError::Unsupported {
             path: node.path().to_path_buf(),

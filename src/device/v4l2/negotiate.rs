@@ -114,11 +114,10 @@ fn colour(pix: &v4l2_pix_format, pixel: PixelFormat) -> Colour {
     let range = match pix.quantization {
         FULL_RANGE => Range::Full,
         LIMITED_RANGE => Range::Limited,
-        // V4L2's own rule for "default": full for JPEG's colours and RGB, limited for every other that is named.
-        _ if pix.colorspace == v4l2_colorspace_V4L2_COLORSPACE_JPEG || pixel.is_compressed() => Range::Full,
-        _ if matches!(pixel, PixelFormat::Rgb24 | PixelFormat::Bgr24) => Range::Full,
+        // V4L2's own rule for "default": full for JPEG's colours, else what is usual for the format.
+        _ if pix.colorspace == v4l2_colorspace_V4L2_COLORSPACE_JPEG => Range::Full,
         _ if pix.colorspace == v4l2_colorspace_V4L2_COLORSPACE_DEFAULT => Range::Unknown,
-        _ => Range::Limited,
+        _ => Range::Unknown.of(pixel),
     };
     Colour { range, siting: Siting::default() }
 }

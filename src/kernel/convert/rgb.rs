@@ -1,6 +1,6 @@
-//! Packed RGB to planar 4:2:0, BT.601, limited range (luma 16 to 235).
+//! Packed RGB to planar 4:2:0.
 
-use crate::image::{PictureMut, PlaneRef};
+use crate::image::{FromRgb, PictureMut, PlaneRef};
 use crate::kernel::{Level, dispatch};
 
 /// The order of packed RGB.
@@ -12,24 +12,29 @@ pub enum RgbOrder {
     Bgr,
 }
 
-/// Converts `from`, a plane of bytes `3 * width` wide, into the 4:2:0 picture `into`. Weights are ITU-R BT.601's in 1/256
+/// Converts `from`, a plane of bytes `3 * width` wide, into the 4:2:0 picture `into` with the weights `matrix`
 /// (exact to within one step); chroma is that of the mean colour of two by two pixels.
-pub fn rgb(level: Level, order: RgbOrder, from: PlaneRef<'_>, into: PictureMut<'_>) {
-    let (r, b) = if order == RgbOrder::Rgb { (0, 2) } else { (2, 0) };
-    convert(level, r, b, from, into);
+pub fn rgb(level: Level, order: RgbOrder, matrix: FromRgb, from: PlaneRef<'_>, into: PictureMut<'_>) {
+    let mut matrix = matrix;
+    if order == RgbOrder::Bgr {
+        matrix.weights.iter_mut().for_each(|weights| weights.reverse());
+    }
+    convert(level, matrix, from, into);
 }
 
-fn convert(level: Level, r: usize, b: usize, from: PlaneRef<'_>, into: PictureMut<'_>) {
-    dispatch!(level, body(r: usize, b: usize, from: PlaneRef<'_>, into: PictureMut<'_>))
+fn convert(level: Level, matrix: FromRgb, from: PlaneRef<'_>, into: PictureMut<'_>) {
+    dispatch!(level, body(matrix: FromRgb, from: PlaneRef<'_>, into: PictureMut<'_>))
 }
 
 #[inline(always)]
-fn body(r: usize, b: usize, from: PlaneRef<'_>, into: PictureMut<'_>) {
+fn body(matrix: FromRgb, from: PlaneRef<'_>, into: PictureMut<'_>) {
     let [mut y, mut u, mut v] = into.planes;
+    let [in_y, in_u, in_v] = matrix.weights;
+    let weigh = |weights: [i32; 3], rgb: [i32; 3]| weights[0] * rgb[0] + weights[1] * rgb[1] + weights[2] * rgb[2];
     let (width, height) = (y.width().min(from.width() / 3), y.height().min(from.height()));
     for row in 0..height {
         for (out, p) in y.row_mut(row).iter_mut().zip(from.row(row).as_chunks::<3>().0) {
-            *out = ((66 * i32::from(p[r]) + 129 * i32::from(p[1]) + 25 * i32::from(p[b]) + 128 + (16 << 8)) >> 8) as u8;
+            *out = ((weigh(in_y, p.map(i32::from)) + 128 + matrix.black) >> 8).clamp(0, 255) as u8;
         }
     }
     for row in 0..height.div_ceil(2).min(u.height()) {
@@ -39,11 +44,10 @@ fn body(r: usize, b: usize, from: PlaneRef<'_>, into: PictureMut<'_>) {
         for (column, (u, v)) in chroma.enumerate().take(width.div_ceil(2)) {
             let (left, right) = (2 * column, (2 * column + 1).min(width - 1));
             let four = [above[left], above[right], below[left], below[right]];
-            let sum = |c: usize| four.iter().map(|p| i32::from(p[c])).sum::<i32>();
             // Sums of four: weights in 1/1024.
-            let (red, green, blue) = (sum(r), sum(1), sum(b));
-            *u = ((-38 * red - 74 * green + 112 * blue + 512 + (128 << 10)) >> 10) as u8;
-            *v = ((112 * red - 94 * green - 18 * blue + 512 + (128 << 10)) >> 10) as u8;
+            let sum = [0, 1, 2].map(|c| four.iter().map(|p| i32::from(p[c])).sum::<i32>());
+            *u = ((weigh(in_u, sum) + 512 + (128 << 10)) >> 10).clamp(0, 255) as u8;
+            *v = ((weigh(in_v, sum) + 512 + (128 << 10)) >> 10).clamp(0, 255) as u8;
         }
     }
 }

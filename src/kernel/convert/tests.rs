@@ -1,7 +1,7 @@
 //! Every conversion against a naive one, on odd sizes, with padding and canaries, at every level of this processor.
 
 use super::*;
-use crate::image::{Picture, PictureRef, PixelFormat, PlaneRef, RawLayout, Sampling};
+use crate::image::{FromRgb, Picture, PictureRef, PixelFormat, Plane, PlaneRef, Range, RawLayout, Sampling, ToLimited};
 use crate::kernel::Level;
 use proptest::prelude::*;
 
@@ -94,7 +94,7 @@ proptest! {
         let (cw, ch) = (w.div_ceil(step(columns)), h.div_ceil(step(rows)));
         let list = |n: usize, on: bool| if on { vec![2 * n, 2 * n + 1] } else { vec![n] };
         for level in Level::all() {
-            let mut into = crate::image::Plane::new(cw, ch);
+            let mut into = Plane::new(cw, ch);
             thin(level, columns, rows, from, into.as_mut());
             for y in 0..ch {
                 for x in 0..cw {
@@ -113,7 +113,7 @@ proptest! {
         let mut first: Option<Picture> = None;
         for level in Level::all() {
             let mut into = Picture::new(Sampling::S420, w as usize, h);
-            rgb(level, order, from, into.as_mut());
+            rgb(level, order, FromRgb::new(Range::Full), from, into.as_mut());
             let w = w as usize;
             let at = |x: usize, y: usize, c: usize| f64::from(from.at(3 * x + if bgr { 2 - c } else { c }, y)) / 255.0;
             for y in 0..h {
@@ -194,16 +194,16 @@ proptest! {
 fn interleaved_chroma_comes_apart_and_rare_chroma_is_brought_to_420() {
     let bytes = [1, 2, 3, 4, 5, 6, 7, 8];
     for level in Level::all() {
-        let (mut u, mut v) = (crate::image::Plane::new(2, 2), crate::image::Plane::new(2, 2));
+        let (mut u, mut v) = (Plane::new(2, 2), Plane::new(2, 2));
         interleaved(level, PlaneRef::new(&bytes, 4, 2, 4).unwrap(), u.as_mut(), v.as_mut());
         assert_eq!((u.samples(), v.samples()), (&[1, 3, 5, 7][..], &[2, 4, 6, 8][..]));
 
         // 4:1:1 of 8 x 4: two samples a row, four rows.
-        let mut into = crate::image::Plane::new(4, 2);
+        let mut into = Plane::new(4, 2);
         to_420(level, (4, 1), PlaneRef::new(&bytes, 2, 4, 2).unwrap(), into.as_mut());
         assert_eq!(into.samples(), &[2, 2, 3, 3, 6, 6, 7, 7]);
         // 4:4:1 of 4 x 8: four samples a row, two rows.
-        let mut into = crate::image::Plane::new(2, 4);
+        let mut into = Plane::new(2, 4);
         to_420(level, (1, 4), PlaneRef::new(&bytes, 4, 2, 4).unwrap(), into.as_mut());
         assert_eq!(into.samples(), &[2, 4, 2, 4, 6, 8, 6, 8]);
     }
@@ -219,4 +219,29 @@ fn what_cannot_be_packed_says_why() {
     assert!(matches!(narrow, Err(PackError::TooSmall { stride: 3, .. })));
     let never = pack(Level::SCALAR, picture.as_ref(), PixelFormat::Mjpeg, 0, &mut bytes).unwrap_err();
     assert_eq!(never.to_string(), "a S420 picture cannot be written as MJPG");
+}
+
+#[test]
+fn every_sample_of_full_range_comes_to_its_place() {
+    for (map, exact) in [(ToLimited::LUMA, [16.0, 219.0, 0.0]), (ToLimited::CHROMA, [128.0, 224.0, 128.0])] {
+        for level in Level::all() {
+            // Lines of every length, so that all values fall into whole vectors and into what is left of them.
+            for width in (1..=40).chain([256, 300]) {
+                let mut from = Plane::new(width, 256);
+                for row in 0..256 {
+                    from.as_mut().row_mut(row).iter_mut().enumerate().for_each(|(x, sample)| *sample = (row + x) as u8);
+                }
+                let (mut into, mut in_place) = (Plane::new(width, 256), from.clone());
+                to_limited(level, map, from.as_ref(), into.as_mut());
+                to_limited_in_place(level, map, in_place.as_mut());
+                for row in 0..256 {
+                    assert_eq!(into.row(row), in_place.row(row));
+                    for (&got, &sample) in into.row(row).iter().zip(from.row(row)) {
+                        let want = exact[0] + exact[1] / 255.0 * (f64::from(sample) - exact[2]);
+                        assert!((f64::from(got) - want).abs() < 0.51, "{map:?} {sample}: {got}, {want} expected");
+                    }
+                }
+            }
+        }
+    }
 }

@@ -1,9 +1,11 @@
 //! Unpacking and packing at the edges of memory.
 
 use super::{Edge, Fenced, MOST, Random, Shape};
-use crate::image::{PictureMut, PictureRef, PixelFormat, PlaneMut, Sampling};
+use crate::image::{FromRgb, PictureMut, PictureRef, PixelFormat, PlaneMut, Range, Sampling, ToLimited};
 use crate::kernel::Level;
-use crate::kernel::convert::{LumaFirst, PackError, RgbOrder, interleaved, pack, packed_422, rgb, thin, to_420};
+use crate::kernel::convert::{
+    LumaFirst, PackError, RgbOrder, interleaved, pack, packed_422, rgb, thin, to_420, to_limited, to_limited_in_place,
+};
 
 const SAMPLINGS: [Sampling; 4] = [Sampling::Mono, Sampling::S420, Sampling::S422, Sampling::S444];
 
@@ -68,7 +70,12 @@ fn unpacking_stays_in_its_planes() {
         }
         let colours = raw(3 * shape.width).plane(&mut bytes, &mut random);
         for order in [RgbOrder::Rgb, RgbOrder::Bgr] {
-            levels_agree(shape, "RGB", |level| rooms.drawn(shape, Sampling::S420, |into| rgb(level, order, colours, into)));
+            for range in [Range::Full, Range::Limited] {
+                let matrix = FromRgb::new(range);
+                levels_agree(shape, "RGB", |level| {
+                    rooms.drawn(shape, Sampling::S420, |into| rgb(level, order, matrix, colours, into))
+                });
+            }
         }
         let pairs = raw(2 * shape.width).plane(&mut bytes, &mut random);
         levels_agree(shape, "pairs", |level| {
@@ -97,6 +104,25 @@ fn thinning_stays_in_its_planes() {
             };
             levels_agree(shape, "4:2:0", |level| drawn(&|into| to_420(level, (x, y), plane, into)));
             levels_agree(shape, "thin", |level| drawn(&|into| thin(level, x == 1, y == 1, plane, into)));
+        }
+    }
+}
+
+#[test]
+fn the_change_of_range_stays_in_its_planes() {
+    let mut random = Random(11);
+    let (mut from, mut into) = (room(), room());
+    for shape in Shape::all() {
+        let plane = shape.plane(&mut from, &mut random);
+        let Shape { width, height, stride, .. } = shape;
+        for map in [ToLimited::LUMA, ToLimited::CHROMA] {
+            let mut drawn = |draw: &dyn Fn(PlaneMut<'_>)| {
+                let samples = into.filled(shape.edge, shape.len(), |_| 0xaa);
+                draw(PlaneMut::new(samples, width, height, stride).expect("as long as its shape asks"));
+                samples.to_vec()
+            };
+            levels_agree(shape, "range", |level| drawn(&|into| to_limited(level, map, plane, into)));
+            levels_agree(shape, "range in place", |level| drawn(&|into| to_limited_in_place(level, map, into)));
         }
     }
 }

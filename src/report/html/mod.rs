@@ -63,7 +63,7 @@ impl Report {
             input: input.to_owned(),
             names: MotionNames::of(settings.pipeline.shutter.model),
             samples: Vec::new(),
-            stills: Stills::new(format.colour),
+            stills: Stills::new(),
             inside: Inside::default(),
         }
     }

@@ -3,12 +3,12 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-use crate::image::{Colour, PictureRef, PlaneRef, Range};
+use crate::image::{BLACK, PictureRef, PlaneRef, rgb};
 
 const QUALITY: u8 = 85;
 const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
-/// A picture as packed RGB (BT.601), rows from top to bottom.
+/// A picture as packed RGB, rows from top to bottom.
 #[derive(Clone, Debug)]
 pub(super) struct Rgb {
     pub(super) width: usize,
@@ -17,26 +17,18 @@ pub(super) struct Rgb {
 }
 
 impl Rgb {
-    /// Takes over a picture whose samples mean what `colour` says.
-    pub(super) fn of(picture: PictureRef<'_>, colour: Colour) -> Self {
+    /// Takes over a picture.
+    pub(super) fn of(picture: PictureRef<'_>) -> Self {
         let (width, height) = (picture.width(), picture.height());
-        // BT.601: black level, luma gain, chroma gain.
-        let (black, gain, chroma_gain) = match colour.range {
-            Range::Full => (0.0, 1.0, 1.0),
-            Range::Limited | Range::Unknown => (16.0, 255.0 / 219.0, 255.0 / 224.0),
-        };
         let shift = picture.sampling.shift();
         let mut samples = Vec::with_capacity(width * height * 3);
         for y in 0..height {
             for x in 0..width {
-                let luma = gain * (f32::from(picture.planes[0].at(x, y)) - black);
                 let chroma = |plane: usize| match shift {
-                    Some((right, down)) => chroma_gain * (f32::from(picture.planes[plane].at(x >> right, y >> down)) - 128.0),
-                    None => 0.0,
+                    Some((right, down)) => picture.planes[plane].at(x >> right, y >> down),
+                    None => BLACK[1],
                 };
-                let (u, v) = (chroma(1), chroma(2));
-                let rgb = [luma + 1.402 * v, luma - 0.344_136 * u - 0.714_136 * v, luma + 1.772 * u];
-                samples.extend(rgb.map(|value| value.round().clamp(0.0, 255.0) as u8));
+                samples.extend(rgb([picture.planes[0].at(x, y), chroma(1), chroma(2)]));
             }
         }
         Self { width, height, samples }
@@ -93,15 +85,15 @@ mod tests {
     }
 
     #[test]
-    fn white_black_and_red_by_range() {
+    fn white_black_and_red() {
         let mut picture = Picture::new(Sampling::S420, 3, 1);
         picture.as_mut().planes[0].row_mut(0).copy_from_slice(&[16, 235, 81]);
         picture.as_mut().planes[1].row_mut(0).copy_from_slice(&[128, 90]);
         picture.as_mut().planes[2].row_mut(0).copy_from_slice(&[128, 240]);
-        let limited = Rgb::of(picture.as_ref(), Colour::default());
-        assert_eq!(limited.samples[..6], [0, 0, 0, 255, 255, 255]);
-        assert!(limited.samples[6] > 250 && limited.samples[7] < 5 && limited.samples[8] < 5, "{:?}", limited.samples);
-        let full = Rgb::of(picture.as_ref(), Colour { range: Range::Full, ..Colour::default() });
-        assert_eq!(full.samples[..6], [16, 16, 16, 235, 235, 235]);
+        let shown = Rgb::of(picture.as_ref());
+        assert_eq!(shown.samples[..6], [0, 0, 0, 255, 255, 255]);
+        assert!(shown.samples[6] > 250 && shown.samples[7] < 5 && shown.samples[8] < 5, "{:?}", shown.samples);
+        let grey = Rgb::of(Picture::new(Sampling::Mono, 1, 1).as_ref());
+        assert_eq!(grey.samples, [0, 0, 0]);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::picture::{Rgb, grey_img};
 use crate::frame::Frame;
-use crate::image::{Colour, Picture, PictureRef, Plane, PlaneRef, Sampling};
+use crate::image::{Picture, PictureRef, Plane, PlaneRef, Sampling};
 
 /// Pairs that are kept; when they are full, every other one goes.
 const PAIRS: usize = 8;
@@ -20,7 +20,6 @@ type Pair<T> = [T; 2];
 /// Gathers the pictures of a run in bounded memory.
 #[derive(Debug)]
 pub(super) struct Stills {
-    colour: Colour,
     seen: u64,
     every: u64,
     pairs: Vec<(u64, Pair<Picture>)>,
@@ -44,9 +43,8 @@ struct Laid {
 }
 
 impl Stills {
-    pub(super) fn new(colour: Colour) -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            colour,
             seen: 0,
             every: 1,
             pairs: Vec::new(),
@@ -150,7 +148,7 @@ impl Stills {
     }
 
     fn images(&self, pictures: &Pair<Picture>) -> Pair<String> {
-        [0, 1].map(|i| Rgb::of(pictures[i].as_ref(), self.colour).img(["before", "after"][i]))
+        [0, 1].map(|i| Rgb::of(pictures[i].as_ref()).img(["before", "after"][i]))
     }
 }
 
@@ -210,7 +208,7 @@ mod tests {
     use super::*;
 
     fn run(frames: u64) -> Stills {
-        let mut stills = Stills::new(Colour::default());
+        let mut stills = Stills::new();
         let mut frame = Frame { intact: true, ..Frame::default() };
         let output = Picture::new(Sampling::S420, 8, 6);
         for index in 0..frames {

@@ -4,7 +4,7 @@ mod mjpeg;
 
 use std::borrow::Cow;
 
-use crate::image::{Picture, PixelFormat, PlaneRef, RawLayout, Sampling};
+use crate::image::{FromRgb, Picture, PixelFormat, PlaneRef, Range, RawLayout, Sampling, ToLimited};
 use crate::kernel::Level;
 use crate::kernel::convert::{self, LumaFirst, NEUTRAL, RgbOrder};
 use mjpeg::Mjpeg;
@@ -53,6 +53,14 @@ pub enum UnpackError {
         /// The kind.
         what: &'static str,
     },
+    /// A compressed picture ends before its last row.
+    #[error("the JPEG picture is cut off: {rows} of its {of} rows are there")]
+    Cut {
+        /// Rows that are there, from the top.
+        rows: usize,
+        /// Rows that it says it has.
+        of: usize,
+    },
     /// A compressed picture is damaged.
     #[error("the JPEG picture is damaged: {what}")]
     Damaged {
@@ -96,14 +104,16 @@ impl Unpack {
     }
 
     /// Unpacks `bytes`, a frame of `width` x `height` whose first plane has rows `stride` bytes apart (ignored for MJPEG), into
-    /// `into`, which takes that size and the form of [`Self::sampling`]. Bytes beyond the frame's end are ignored. Samples keep
-    /// their range, but RGB becomes limited-range BT.601.
+    /// `into`, which takes that size and the form of [`Self::sampling`]; a JPEG picture of another size keeps its own. Bytes beyond
+    /// the frame's end are ignored. `range` is what was said of the samples' range; those of the picture have the meaning that
+    /// [`Colour::inside`](crate::image::Colour::inside) says.
     ///
     /// # Errors
     /// [`UnpackError`]; nothing in `bytes` makes it panic or allocate more than a picture of the stream's size needs.
     pub fn unpack(
         &mut self,
         format: PixelFormat,
+        range: Range,
         (width, height): (u32, u32),
         stride: usize,
         bytes: &[u8],
@@ -115,23 +125,30 @@ impl Unpack {
         }
         let size = (width as usize, height as usize);
         if format.is_compressed() {
-            return self.mjpeg.decode(self.level, size, bytes, into);
+            return self.mjpeg.decode(self.level, range.of(format), size, bytes, into);
         }
         let layout = RawLayout::new(format, width, height, stride).ok_or(impossible)?;
         let truncated = UnpackError::Truncated { format, found: bytes.len(), needed: layout.least_bytes() };
         let planes = layout.planes(bytes).ok_or(truncated)?;
         into.reshape(Self::sampling(format), size.0, size.1);
-        self.convert(format, planes, into);
+        self.convert(format, range.of(format), planes, into);
         Ok(())
     }
 
-    fn convert(&self, format: PixelFormat, [first, second, third]: [PlaneRef<'_>; 3], into: &mut Picture) {
+    /// Why the last picture is less than its frame should hold, though it is shown: the end of a JPEG was missing, in a stream where
+    /// that is usual, and there is the picture before in its place.
+    pub fn shortfall(&self) -> Option<&UnpackError> {
+        self.mjpeg.cut()
+    }
+
+    fn convert(&self, format: PixelFormat, range: Range, [first, second, third]: [PlaneRef<'_>; 3], into: &mut Picture) {
         let mut picture = into.as_mut();
+        let is_full = range == Range::Full && !format.is_rgb();
         match format {
             PixelFormat::Yuyv => convert::packed_422(self.level, LumaFirst::Yes, first, picture),
             PixelFormat::Uyvy => convert::packed_422(self.level, LumaFirst::No, first, picture),
-            PixelFormat::Rgb24 => convert::rgb(self.level, RgbOrder::Rgb, first, picture),
-            PixelFormat::Bgr24 => convert::rgb(self.level, RgbOrder::Bgr, first, picture),
+            PixelFormat::Rgb24 => convert::rgb(self.level, RgbOrder::Rgb, FromRgb::new(range), first, picture),
+            PixelFormat::Bgr24 => convert::rgb(self.level, RgbOrder::Bgr, FromRgb::new(range), first, picture),
             PixelFormat::Nv12 => {
                 let [y, u, v] = &mut picture.planes;
                 y.copy_from(first);
@@ -144,6 +161,13 @@ impl Unpack {
             }
             // Decoded elsewhere; a picture of grey rather than a panic should that ever change.
             PixelFormat::Mjpeg => picture.planes.iter_mut().for_each(|plane| plane.fill(NEUTRAL)),
+        }
+        if is_full {
+            // Rare: cameras' planar and packed samples are nearly always of limited range.
+            let maps = [ToLimited::LUMA, ToLimited::CHROMA, ToLimited::CHROMA];
+            for (plane, map) in into.as_mut().planes.into_iter().zip(maps) {
+                convert::to_limited_in_place(self.level, map, plane);
+            }
         }
     }
 }

@@ -24,6 +24,15 @@ pub(super) struct Component {
     table: u8,
 }
 
+/// Every other row of an interlaced picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Field {
+    /// The first row, the third and so on.
+    Top,
+    /// The second row, the fourth and so on.
+    Bottom,
+}
+
 /// What a picture says of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
@@ -32,7 +41,13 @@ pub(super) struct Header {
     components: [Component; MOST_COMPONENTS],
     count: usize,
     /// Whether its scans are sequential: each has all of a block's frequencies.
-    sequential: bool,
+    pub(super) sequential: bool,
+    /// Whether its first scan has all components, unit by unit; else each has as many blocks as its own samples need.
+    by_units: bool,
+    /// Which rows of an interlaced picture it has, where it says so.
+    pub(super) field: Option<Field>,
+    /// Where the bytes behind it begin.
+    pub(super) next: usize,
     /// Whether it ends with an end marker.
     pub(super) ended: bool,
     /// Where in the extracted bytes its height stands, and behind it its width.
@@ -60,7 +75,8 @@ impl Header {
         let (x, y) = self.unit();
         let units = |size: (usize, usize)| (size.0.div_ceil(x), size.1.div_ceil(y));
         let (Ok(width), Ok(height)) = (u16::try_from(size.0), u16::try_from(size.1)) else { return };
-        if units(size) == units(self.size)
+        if self.by_units
+            && units(size) == units(self.size)
             && let Some(bytes) = jpeg.get_mut(self.size_at..self.size_at + 4)
         {
             bytes[..2].copy_from_slice(&height.to_be_bytes());
@@ -102,21 +118,19 @@ fn damaged(what: &'static str) -> UnpackError {
     UnpackError::Damaged { what: Cow::Borrowed(what) }
 }
 
-/// Writes the first picture that has content among `raw` to `into` and says what its header says.
+/// Writes the first picture that has content among `raw`, from byte `from` on, to `into` and says what its header says.
 ///
 /// # Errors
 /// [`UnpackError::Damaged`] where there is none, where a segment that matters is not whole, and where a table is used that the picture
 /// does not have; [`UnpackError::Unsupported`] for four colours. The samples themselves are not looked at.
-pub(super) fn extract(raw: &[u8], into: &mut Vec<u8>) -> Result<Header, UnpackError> {
-    let start = start(raw).ok_or(damaged("it has no start marker"))?;
-    let mut extraction =
-        Extraction { raw, at: start, into, tables: Tables::default(), transform: Transform::Unsaid, header: None };
-    extraction.run()
+pub(super) fn extract(raw: &[u8], from: usize, into: &mut Vec<u8>) -> Result<Header, UnpackError> {
+    let at = start(raw, from).ok_or(damaged("it has no start marker"))?;
+    let (tables, transform) = (Tables::default(), Transform::Unsaid);
+    Extraction { raw, at, into, tables, transform, field: None, header: None }.run()
 }
 
-/// Behind the first start marker.
-fn start(raw: &[u8]) -> Option<usize> {
-    let mut at = 0;
+/// Behind the first start marker from `at` on.
+fn start(raw: &[u8], mut at: usize) -> Option<usize> {
     loop {
         at += memchr(0xff, raw.get(at..)?)? + 1;
         if raw.get(at) == Some(&marker::SOI) {
@@ -139,6 +153,7 @@ struct Extraction<'a> {
     into: &'a mut Vec<u8>,
     tables: Tables,
     transform: Transform,
+    field: Option<Field>,
     header: Option<Header>,
 }
 
@@ -165,14 +180,16 @@ impl<'a> Extraction<'a> {
         if scans == 0 {
             return Err(damaged("it has no samples"));
         }
-        header.ended = ended;
+        (header.ended, header.field) = (ended, self.field);
+        // A start marker that ended it is the next one's.
+        header.next = if ended { self.at } else { self.at.saturating_sub(2) };
         self.into.extend_from_slice(&[0xff, marker::EOI]);
         Ok(header)
     }
 
     /// Begins with nothing but what every picture is given.
     fn begin(&mut self) {
-        (self.header, self.transform) = (None, Transform::Unsaid);
+        (self.header, self.transform, self.field) = (None, Transform::Unsaid, None);
         self.into.clear();
         self.into.extend_from_slice(&[0xff, marker::SOI]);
         // Version 100, flags, and the transform, which is set once it is known.
@@ -265,6 +282,9 @@ impl<'a> Extraction<'a> {
                     _ => Transform::YCbCr,
                 };
             }
+            // "AVI1", then 0 (not interlaced), 1 or 2.
+            Some(&[b'A', b'V', b'I', b'1', 1, ..]) if marker == marker::APP0 => self.field = Some(Field::Top),
+            Some(&[b'A', b'V', b'I', b'1', 2, ..]) if marker == marker::APP0 => self.field = Some(Field::Bottom),
             _ => {}
         }
         let end = payload.map(|payload| self.at + 2 + payload.len());
@@ -303,6 +323,7 @@ impl<'a> Extraction<'a> {
         if length != 4 + 2 * count || !(1..=header.count).contains(&count) {
             return Err(damaged("a scan's header is not as long as it says"));
         }
+        self.header = Some(Header { by_units: header.by_units || count == header.count, ..header });
         self.tables.check(&header, &payload[1..1 + 2 * count])?;
         self.take_over(length);
         if header.sequential {
@@ -358,7 +379,7 @@ fn frame_header(payload: &[u8]) -> Result<Header, UnpackError> {
     if size.0 == 0 || size.1 == 0 {
         return Err(damaged("its frame header says that it has no rows or columns"));
     }
-    Ok(Header { size, components, count, sequential: false, ended: false, size_at: 0 })
+    Ok(Header { size, components, count, sequential: false, by_units: false, field: None, next: 0, ended: false, size_at: 0 })
 }
 
 impl Tables {

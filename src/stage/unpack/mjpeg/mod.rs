@@ -5,83 +5,96 @@
 //!
 //! The decoder's own check compares only the size, not the chroma, and it trusts the caller for the rest: a 4:4:4 picture
 //! decoded into memory for 4:2:0 would be written past its end. So each picture's header is read first and has to have a size that the
-//! stream allows and a known kind of chroma, and the memory it is decoded into is large enough for *every* kind.
+//! stream allows, and the memory it is decoded into is large enough for *every* kind of chroma.
+//!
+//! The way of a picture: [`markers::extract`] writes it out as the decoder is to see it; it is decoded; where the decoder complains,
+//! [`scan::follow`] says whether samples are missing or whether there is only more than there should be.
 
+mod canvas;
+mod decoder;
 mod markers;
+mod scan;
 mod standard;
 
-use std::borrow::Cow;
-
 use super::UnpackError;
-use crate::image::{Picture, PlaneRef, Sampling};
+use crate::image::{Picture, Range};
 use crate::kernel::Level;
-use crate::kernel::convert::{self, NEUTRAL};
-use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
-
-/// The most that a kind of chroma rounds a size up to, luma samples.
-const LARGEST_STEP: usize = 4;
-
-/// Progressive pictures may not have more scans than this; each costs a pass over the picture, however few its bytes.
-const MOST_SCANS: u32 = 64;
+use canvas::{Canvas, Shape};
+use decoder::{Decoder, Extent};
+use markers::{Field, Header};
 
 /// A header may exceed the stream's size by less than this, rows or columns: the picture is cropped. Encoders round up to whole blocks.
 const MOST_PADDING: usize = 16;
 
-/// Pictures of another size than the stream's may have at most this many times its pixels.
-const MOST_TIMES_LARGER: usize = 4;
+/// The most that a picture grows when it is extracted: the standard tables, a colour transform, an end.
+const ROOM_FOR_HEADERS: usize = 1024;
+
+/// A whole picture adds this to the balance of whole and cut ones, a cut picture takes one away: where more than three in four are cut,
+/// it is low.
+const WHOLE: u8 = 3;
+/// The balance goes up to this.
+const MOST_WHOLE: u8 = 16;
+/// A balance above this makes a cut picture an exception.
+const MOSTLY_WHOLE: u8 = 8;
 
 /// A decoder and the memory that it works in.
 #[derive(Default)]
 pub(super) struct Mjpeg {
-    /// Made with the first picture; made again after a failure, which can leave it in the midst of a header.
-    decoder: Option<Decompressor>,
+    decoder: Decoder,
     /// The frame's bytes, our own.
     raw: Vec<u8>,
-    /// The picture in them, as the decoder is to see it.
-    jpeg: Vec<u8>,
-    /// Planes as the picture has them, one after the other, room for 4:4:4.
-    planes: Vec<u8>,
+    /// The picture in them, as the decoder is to see it; where it is a field, the other one too.
+    jpegs: [Vec<u8>; 2],
+    /// The picture that is decoded, and the last one that was shown.
+    canvases: [Canvas; 2],
+    /// One field of an interlaced picture.
+    field: Canvas,
+    /// Goes up with each whole picture, down with each that is cut.
+    balance: u8,
+    cut: Option<UnpackError>,
 }
 
 impl std::fmt::Debug for Mjpeg {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Mjpeg").field("planes", &self.planes.len()).finish_non_exhaustive()
+        f.debug_struct("Mjpeg").field("balance", &self.balance).field("cut", &self.cut).finish_non_exhaustive()
     }
 }
 
-/// A picture in [`Mjpeg::planes`].
-#[derive(Clone, Copy)]
-struct Decoded {
-    /// Luma samples across and down, as decoded.
-    size: (usize, usize),
-    subsampling: Subsamp,
-}
-
 impl Mjpeg {
-    /// Decodes the picture in `bytes`, a frame of a stream whose pictures are to be `size` (width, height) large, into `into`. It takes
-    /// that size, or the picture's own where that is another that the stream allows.
+    /// Decodes the picture in `bytes`, a frame of a stream whose pictures are to be `size` (width, height) large and have samples of
+    /// `range`, into `into`. It takes that size, or the picture's own where that is another that the stream allows.
+    ///
+    /// Of a picture that is cut off, the rows that are there are shown with the last picture's below them, where nearly all pictures
+    /// are cut or none came yet. Elsewhere it is an error: the picture before, shown once more, is hardly seen, while the seam
+    /// between two pictures of a moving camera is.
     pub(super) fn decode(
         &mut self,
         level: Level,
+        range: Range,
         size: (usize, usize),
         bytes: &[u8],
         into: &mut Picture,
     ) -> Result<(), UnpackError> {
+        self.cut = None;
         self.take_copy(size, bytes);
-        let outcome = self.decode_planes(size);
-        if outcome.is_err() {
-            self.decoder = None;
-        }
-        let decoded = outcome?;
-        let shown = shown_size(decoded.size, size);
-        into.reshape(Sampling::S420, shown.0, shown.1);
-        self.copy(level, decoded, into)
+        let extent = self.decode_frame(size)?;
+        self.complete(extent)?;
+        let [canvas, _] = &self.canvases;
+        let shown = shown_size(canvas.shape().map_or(size, |shape| shape.size), size);
+        canvas.show(level, range, shown, into)?;
+        self.canvases.swap(0, 1);
+        Ok(())
     }
 
-    /// Bytes of memory that it holds for pictures.
+    /// Why the last picture is not all of its frame, though it is shown.
+    pub(super) fn cut(&self) -> Option<&UnpackError> {
+        self.cut.as_ref()
+    }
+
+    /// Bytes of memory that it holds for a picture, at most.
     #[cfg(test)]
     pub(super) fn room(&self) -> usize {
-        self.planes.capacity()
+        self.canvases.iter().chain([&self.field]).map(Canvas::room).max().unwrap_or(0)
     }
 
     /// Copies a frame's bytes into memory of our own: the only time that they are touched.
@@ -89,66 +102,67 @@ impl Mjpeg {
         // Frames differ in length. What most cameras' drivers give room for is reserved at once, so that a longer one than all before it
         // takes no memory then.
         let room = bytes.len().max(2 * size.0 * size.1) + ROOM_FOR_HEADERS;
-        for buffer in [&mut self.raw, &mut self.jpeg] {
+        for buffer in [&mut self.raw, &mut self.jpegs[0]] {
             buffer.clear();
             buffer.reserve(room);
         }
         self.raw.extend_from_slice(bytes);
     }
 
-    /// Decodes into `self.planes`; says what is there.
-    fn decode_planes(&mut self, size: (usize, usize)) -> Result<Decoded, UnpackError> {
-        let mut own = markers::extract(&self.raw, &mut self.jpeg)?;
-        own.resize_within_units(size, &mut self.jpeg);
-        let decoder = match &mut self.decoder {
-            Some(decoder) => decoder,
-            none => {
-                let mut decoder = Decompressor::new().map_err(damaged)?;
-                decoder.set_scan_limit(MOST_SCANS).map_err(damaged)?;
-                none.insert(decoder)
-            }
-        };
-        let header = decoder.read_header(&self.jpeg).map_err(damaged)?;
-        check(&header, size)?;
-        let found = (header.width, header.height);
-        let room = 3 * found.0.next_multiple_of(LARGEST_STEP) * found.1.next_multiple_of(LARGEST_STEP);
-        if self.planes.len() < room {
-            self.planes.resize(room, 0);
+    /// Decodes the frame into the first canvas: its picture, or both fields of it.
+    fn decode_frame(&mut self, size: (usize, usize)) -> Result<Extent, UnpackError> {
+        let [jpeg, other] = &mut self.jpegs;
+        let mut header = markers::extract(&self.raw, 0, jpeg)?;
+        if is_field(&header, size)
+            && let Ok(mut second) = markers::extract(&self.raw, header.next, other)
+            && second.size == header.size
+        {
+            let half = (size.0, size.1.div_ceil(2));
+            header.resize_within_units(half, jpeg);
+            second.resize_within_units(half, other);
+            return self.decode_fields(&header, &second, size);
         }
-        let decoded = Decoded { size: found, subsampling: header.subsamp };
-        let output =
-            YuvImage { pixels: &mut self.planes[..], width: found.0, align: 1, height: found.1, subsamp: header.subsamp };
-        match decoder.decompress_to_yuv(&self.jpeg, output) {
-            Ok(()) if own.ended => Ok(decoded),
-            Ok(()) => Err(UnpackError::Damaged { what: "it has no end marker".into() }),
-            Err(error) if is_harmless(&error) && own.ended => Ok(decoded),
-            Err(error) => Err(damaged(error)),
-        }
+        header.resize_within_units(size, jpeg);
+        self.decoder.decode(jpeg, &header, size, &mut self.canvases[0])
     }
 
-    /// Copies the decoded planes into the picture.
-    fn copy(&self, level: Level, decoded: Decoded, into: &mut Picture) -> Result<(), UnpackError> {
-        let Decoded { size, subsampling } = decoded;
-        let (x, y) = subsampling.size();
-        let (luma_width, luma_rows) = (size.0.next_multiple_of(x), size.1.next_multiple_of(y));
-        let size = (into.width(), into.height());
-        let (chroma_width, chroma_rows) = (luma_width / x, luma_rows / y);
-        let plane = |offset: usize, (width, height): (usize, usize), stride: usize| {
-            self.planes.get(offset..).and_then(|samples| PlaneRef::new(samples, width, height, stride))
-        };
-        let lost = || UnpackError::Damaged { what: "its planes do not fit".into() };
-        let [mut luma, u, v] = into.as_mut().planes;
-        luma.copy_from(plane(0, size, luma_width).ok_or_else(lost)?);
-        let chroma = luma_width * luma_rows;
-        for (n, mut out) in [u, v].into_iter().enumerate() {
-            if subsampling == Subsamp::Gray {
-                out.fill(NEUTRAL);
-                continue;
+    /// Decodes both fields and lays their rows into each other.
+    fn decode_fields(&mut self, first: &Header, second: &Header, size: (usize, usize)) -> Result<Extent, UnpackError> {
+        let damaged = |what: &'static str| UnpackError::Damaged { what: what.into() };
+        // Where neither says which it is, the first has the first row.
+        let first_row = usize::from(first.field == Some(Field::Bottom) || second.field == Some(Field::Top));
+        for (n, header) in [first, second].into_iter().enumerate() {
+            if self.decoder.decode(&mut self.jpegs[n], header, size, &mut self.field)? != Extent::Whole {
+                return Err(damaged("one of its two fields is cut off"));
             }
-            let offset = chroma + n * chroma_width * chroma_rows;
-            let from = plane(offset, (size.0.div_ceil(x), size.1.div_ceil(y)), chroma_width).ok_or_else(lost)?;
-            convert::to_420(level, (x, y), from, out);
+            let woven = self.field.shape().map(|shape| Shape { size: (shape.size.0, 2 * shape.size.1), ..shape });
+            match woven {
+                Some(shape) if n == 0 => {
+                    self.canvases[0].prepare(shape);
+                }
+                woven if woven == self.canvases[0].shape() => {}
+                _ => return Err(damaged("its two fields have different kinds of chroma")),
+            }
+            self.canvases[0].weave(&self.field, n ^ first_row);
         }
+        Ok(Extent::Whole)
+    }
+
+    /// Sees to the rows that a decoded picture does not have, or refuses it.
+    fn complete(&mut self, extent: Extent) -> Result<(), UnpackError> {
+        let Extent::Rows(rows) = extent else {
+            self.balance = (self.balance + WHOLE).min(MOST_WHOLE);
+            return Ok(());
+        };
+        let is_exception = self.balance > MOSTLY_WHOLE;
+        self.balance = self.balance.saturating_sub(1);
+        let [canvas, last] = &mut self.canvases;
+        let cut = UnpackError::Cut { rows, of: canvas.shape().map_or(0, |shape| shape.size.1) };
+        if is_exception || rows == 0 {
+            return Err(cut);
+        }
+        canvas.complete(rows, last);
+        self.cut = Some(cut);
         Ok(())
     }
 }
@@ -159,48 +173,9 @@ fn shown_size(found: (usize, usize), expected: (usize, usize)) -> (usize, usize)
     if is_padded(found.0, expected.0) && is_padded(found.1, expected.1) { expected } else { found }
 }
 
-/// Whether a picture with this header may be decoded as one of a stream of size `expected`.
-fn check(header: &DecompressHeader, expected: (usize, usize)) -> Result<(), UnpackError> {
-    let found = (header.width, header.height);
-    let shown = shown_size(found, expected);
-    if shown.0 * shown.1 > MOST_TIMES_LARGER * expected.0 * expected.1 {
-        return Err(UnpackError::SizeMismatch { found, expected });
-    }
-    let what = if header.is_lossless {
-        "lossless"
-    } else if header.subsamp == Subsamp::Unknown {
-        "of an unknown kind of chroma"
-    } else {
-        match header.colorspace {
-            Colorspace::YCbCr | Colorspace::Gray => return Ok(()),
-            Colorspace::RGB => "stored as RGB",
-            Colorspace::CMYK | Colorspace::YCCK => "stored as CMYK",
-        }
-    };
-    Err(UnpackError::Unsupported { what })
-}
-
-/// The most that a picture grows when it is extracted: the standard tables, a colour transform, an end.
-const ROOM_FOR_HEADERS: usize = 1024;
-
-/// Stray bytes before the end that are forgiven; what is left over of a picture that lost its way is more.
-const MOST_STRAY: u32 = 16;
-
-/// Whether the decoder only complains of what many cameras do in every frame, the picture being whole: a few stray bytes before
-/// the end marker (the samples before them were read without complaint, or that would be the message).
-fn is_harmless(error: &turbojpeg::Error) -> bool {
-    let turbojpeg::Error::TurboJpegError(what) = error else { return false };
-    let count =
-        what.strip_prefix("Corrupt JPEG data: ").and_then(|rest| rest.strip_suffix(" extraneous bytes before marker 0xd9"));
-    count.and_then(|count| count.parse().ok()).is_some_and(|count: u32| count <= MOST_STRAY)
-}
-
-fn damaged(error: turbojpeg::Error) -> UnpackError {
-    let what = match error {
-        turbojpeg::Error::TurboJpegError(what) => what,
-        other => other.to_string(),
-    };
-    UnpackError::Damaged { what: Cow::Owned(what) }
+/// Whether a picture may be one of two fields of a picture of size `expected`.
+fn is_field(header: &Header, expected: (usize, usize)) -> bool {
+    header.size.1 < expected.1 && shown_size((header.size.0, 2 * header.size.1), expected) == expected
 }
 
 #[cfg(test)]
