@@ -9,7 +9,7 @@ use super::settings::text_of;
 use super::{Exit, Failure};
 use crate::config::{Settings, key_table, keys, shipped_file};
 use crate::device::{DeviceError, FrameSource, Lent, replay};
-use crate::frame::FrameFlags;
+use crate::frame::{FrameFlags, Stamp};
 use crate::image::{Picture, PixelFormat};
 use crate::pipeline::{Decoder, Reasons};
 
@@ -86,13 +86,22 @@ struct Found {
     truncated: u64,
     /// Frames that the camera counted but did not give.
     missing: u64,
+    /// Frames whose number is not after that of the frame before, or impossibly far.
+    misnumbered: u64,
     /// Frames whose time is not after that of the frame before.
     disordered: u64,
+    /// Frames whose time is more than [`LONGEST_PAUSE_NS`] after that of the frame before.
+    paused: u64,
     sizes: Vec<(u32, u32, PixelFormat)>,
-    first_ns: i64,
-    last_ns: i64,
-    last_sequence: u64,
+    /// Time between frames, but for those that are `disordered` or `paused`.
+    span_ns: i128,
+    last: Stamp,
 }
+
+/// Frames further apart than this (nanoseconds) are no stream that goes on: the camera was away, or its clock is wrong.
+const LONGEST_PAUSE_NS: i128 = 10_000_000_000;
+/// Drivers count frames in 32 bits: no more can be missing at once.
+const MOST_MISSING: u64 = 1 << 32;
 
 /// Reads a stream through and says what it holds.
 fn stream(path: &Path) -> Result<(), Failure> {
@@ -125,14 +134,10 @@ fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), D
         if found.sizes.last() != Some(&size) && found.sizes.len() < 10 {
             found.sizes.push(size);
         }
-        if found.frames == 0 {
-            found.first_ns = stamp.time_ns;
-        } else {
-            let missing = stamp.sequence.saturating_sub(found.last_sequence).saturating_sub(1);
-            found.missing = found.missing.saturating_add(missing);
-            found.disordered += u64::from(stamp.time_ns <= found.last_ns);
+        if found.frames > 0 {
+            found.follow(stamp);
         }
-        (found.last_ns, found.last_sequence) = (stamp.time_ns, stamp.sequence);
+        found.last = stamp;
         match decoder.decode(&frame, &mut picture) {
             Ok(()) => found.truncated += u64::from(stamp.flags.contains(FrameFlags::TRUNCATED) || decoder.is_cut()),
             Err(why) => found.unusable.add(&why),
@@ -141,18 +146,42 @@ fn read_through(source: &mut dyn FrameSource, found: &mut Found) -> Result<(), D
     }
 }
 
+impl Found {
+    /// Takes in a frame that comes after another.
+    fn follow(&mut self, stamp: Stamp) {
+        match stamp.sequence.checked_sub(self.last.sequence) {
+            Some(step @ 1..MOST_MISSING) => self.missing += step - 1,
+            _ => self.misnumbered += 1,
+        }
+        match i128::from(stamp.time_ns) - i128::from(self.last.time_ns) {
+            ..=0 => self.disordered += 1,
+            step @ ..=LONGEST_PAUSE_NS => self.span_ns += step,
+            _ => self.paused += 1,
+        }
+    }
+
+    /// How long the stream is (seconds), and its frames a second, where its nominal rate is `rate` (0: unknown). A frame whose time says
+    /// nothing lasts for the nominal interval, as the last one does.
+    fn length(&self, rate: f64) -> (f64, f64) {
+        let span_s = self.span_ns as f64 / 1e9;
+        let timed = self.frames.saturating_sub(1 + self.disordered + self.paused);
+        let untimed = self.frames - timed;
+        let rest_s = if rate > 0.0 { untimed as f64 / rate } else { 0.0 };
+        // where most times say nothing, the others are no measure of the rate
+        (span_s + rest_s, if span_s > 0.0 && untimed <= timed + 1 { timed as f64 / span_s } else { rate })
+    }
+}
+
 fn told(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
     let sizes: Vec<String> = found.sizes.iter().map(|(width, height, pixel)| format!("{width}x{height} {pixel}")).collect();
-    let span_s = found.last_ns.saturating_sub(found.first_ns) as f64 / 1e9;
-    let nominal_s = if source.format().rate() > 0.0 { 1.0 / source.format().rate() } else { 0.0 };
-    let duration_s = if found.frames == 0 { 0.0 } else { span_s + nominal_s };
-    let mean = if span_s > 0.0 { (found.frames - 1) as f64 / span_s } else { source.format().rate() };
+    let rate = source.format().rate();
+    let (duration_s, mean) = found.length(rate);
     let mut text = format!(
         "{}: {} frames, {}, {duration_s:.3} s, {mean:.3} frames a second (nominal {:.3})\n",
         path.display(),
         found.frames,
         if sizes.is_empty() { "no size".to_owned() } else { sizes.join(", then ") },
-        source.format().rate()
+        rate
     );
     if let Some(why) = found.unusable.in_words(found.frames) {
         text += &format!("  {why}\n");
@@ -160,11 +189,56 @@ fn told(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
     for (count, what) in [
         (found.truncated, "shorter than they should be"),
         (found.missing, "missing: the camera counted them but did not give them"),
-        (found.disordered, "not later than the frame before"),
+        (found.misnumbered, "whose number does not follow that of the frame before"),
+        (found.disordered, "not later than the frame before: not counted in the length but as the nominal interval"),
+        (found.paused, "more than 10 s after the frame before: likewise"),
     ] {
         if count > 0 {
             text += &format!("  {count} frames {what}\n");
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(stamps: &[(i64, u64)]) -> Found {
+        let mut found = Found::default();
+        for (i, &(time_ns, sequence)) in stamps.iter().enumerate() {
+            let stamp = Stamp { time_ns, sequence, ..Stamp::default() };
+            if i > 0 {
+                found.follow(stamp);
+            }
+            (found.last, found.frames) = (stamp, found.frames + 1);
+        }
+        found
+    }
+
+    fn faults(found: &Found) -> [u64; 4] {
+        [found.missing, found.misnumbered, found.disordered, found.paused]
+    }
+
+    #[test]
+    fn the_length_is_that_of_the_times_that_follow_each_other() {
+        const MS: i64 = 1_000_000;
+        let even = found(&[(0, 5), (40 * MS, 6), (120 * MS, 8)]);
+        assert_eq!((even.length(25.0), faults(&even)), ((0.16, 2.0 / 0.12), [1, 0, 0, 0]));
+        // a first time of 131 years, then even ones; and a camera that was away for a minute
+        let nonsense = found(&[(4_154_505_010_207_436_000, 0), (50_000 * MS, 1), (50_040 * MS, 2)]);
+        assert_eq!((nonsense.length(25.0), faults(&nonsense)), ((0.12, 25.0), [0, 0, 1, 0]));
+        let away = found(&[(0, 0), (40 * MS, 1), (60_000 * MS, 2), (60_040 * MS, 3)]);
+        assert_eq!((away.length(25.0), faults(&away)), ((0.16, 25.0), [0, 0, 0, 1]));
+        assert_eq!(away.length(0.0), (0.08, 25.0), "no nominal rate");
+        assert_eq!(found(&[]).length(25.0), (0.0, 25.0));
+        assert_eq!(found(&[(i64::MIN, 0)]).length(25.0), (0.04, 25.0));
+    }
+
+    #[test]
+    fn the_wildest_stamps_overflow_nothing() {
+        let wild = [(0, 0), (i64::MAX, u64::MAX), (i64::MIN, 0), (0, u64::MAX), (0, u64::MAX), (i64::MAX, 0)];
+        let found = found(&wild);
+        assert_eq!((found.length(30.0), faults(&found)), ((0.2, 30.0), [0, 5, 2, 3]));
+    }
 }

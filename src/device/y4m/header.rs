@@ -5,17 +5,38 @@ use crate::device::StreamFormat;
 use crate::image::{Colour, PixelFormat, Range, Siting};
 use std::fmt::Write as _;
 
+/// What a header line says.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Header {
+    /// The frames as they are given: those of 4:1:1 become 4:2:2.
+    pub(super) format: StreamFormat,
+    /// Whether the stream's own chroma is 4:1:1, one sample to four columns.
+    pub(super) is_411: bool,
+    /// Whether it says how its chroma is laid out; otherwise it is taken for 4:2:0.
+    pub(super) names_chroma: bool,
+}
+
+/// How a stream's chroma is laid out.
+#[derive(Clone, Copy, Debug)]
+struct Chroma {
+    pixel: PixelFormat,
+    siting: Siting,
+    is_411: bool,
+}
+
 /// Reads a header line without its newline.
 ///
 /// # Errors
 /// A sentence that names the parameter, its value and what was expected.
-pub(super) fn parse(line: &[u8]) -> Result<StreamFormat, String> {
+pub(super) fn parse(line: &[u8]) -> Result<Header, String> {
     let line = std::str::from_utf8(line).map_err(|_| "its header line is no text".to_string())?;
     let mut words = line.split([' ', '\t', '\r']).filter(|word| !word.is_empty());
     if words.next().map(str::as_bytes) != Some(MAGIC) {
         return Err("it does not begin with YUV4MPEG2".into());
     }
     let (mut width, mut height) = (None, None);
+    // `C` is the standard's word for chroma; `XYSCSS=` is what older mjpegtools and ffmpeg write, and counts where there is no `C`.
+    let (mut named, mut extension) = (None, None);
     let mut format = StreamFormat::tight(0, 0, PixelFormat::I420, (1, 25));
     format.aspect = (0, 0);
     for word in words {
@@ -38,20 +59,28 @@ pub(super) fn parse(line: &[u8]) -> Result<StreamFormat, String> {
                     "it is interlaced (I{value}); gimbald reads progressive video: ffmpeg -i IN -vf bwdif OUT.y4m converts it"
                 ));
             }
-            "C" => (format.pixel, format.colour.siting) = chroma(value)?,
+            "C" => named = Some(chroma(word, value)?),
             // Comments and extensions: what is not known is not needed.
-            "X" => match value {
-                "COLORRANGE=FULL" => format.colour.range = Range::Full,
-                "COLORRANGE=LIMITED" => format.colour.range = Range::Limited,
+            "X" => match value.split_once('=') {
+                Some(("YSCSS", value)) => extension = Some((word, value)),
+                Some(("COLORRANGE", "FULL")) => format.colour.range = Range::Full,
+                Some(("COLORRANGE", "LIMITED")) => format.colour.range = Range::Limited,
                 _ => {}
             },
             _ => {}
         }
     }
+    let named = match (named, extension) {
+        (None, Some((word, value))) => Some(chroma(word, value)?),
+        (named, _) => named,
+    };
+    let Chroma { pixel, siting, is_411 } =
+        named.unwrap_or(Chroma { pixel: PixelFormat::I420, siting: Siting::Centre, is_411: false });
+    (format.pixel, format.colour.siting) = (pixel, siting);
     format.width = width.ok_or("its header names no width (W)")?;
     format.height = height.ok_or("its header names no height (H)")?;
     format.stride = format.pixel.tight_stride(format.width);
-    Ok(format)
+    Ok(Header { format, is_411, names_chroma: named.is_some() })
 }
 
 fn size(name: &str, value: &str) -> Result<u32, String> {
@@ -64,21 +93,32 @@ fn ratio(name: &str, value: &str) -> Result<(u32, u32), String> {
     parts.ok_or_else(|| format!("its {name} is {value:?}, expected two whole numbers as 30:1"))
 }
 
-fn chroma(value: &str) -> Result<(PixelFormat, Siting), String> {
-    Ok(match value {
-        "420jpeg" | "420" => (PixelFormat::I420, Siting::Centre),
-        "420mpeg2" => (PixelFormat::I420, Siting::Left),
-        "420paldv" => (PixelFormat::I420, Siting::TopLeft),
-        "422" => (PixelFormat::I422, Siting::Centre),
-        "444" => (PixelFormat::I444, Siting::Centre),
-        "mono" => (PixelFormat::Grey, Siting::Centre),
-        _ => {
-            return Err(format!(
-                "its chroma is C{value}; gimbald reads 8-bit 420jpeg, 420mpeg2, 420paldv, 422, 444 and mono: \
-                 ffmpeg -i IN -pix_fmt yuv420p OUT.y4m converts it"
-            ));
-        }
-    })
+/// The chroma that `value` names in the parameter `word`, `C` or `XYSCSS=`. Beyond the family only the depth and the siting count, in
+/// either case, as in ffmpeg: the place of a 4:2:2 or 4:4:4 sample is not told apart.
+fn chroma(word: &str, value: &str) -> Result<Chroma, String> {
+    let value = value.to_ascii_lowercase();
+    let families = [
+        ("420", PixelFormat::I420),
+        ("422", PixelFormat::I422),
+        ("444", PixelFormat::I444),
+        ("411", PixelFormat::I422),
+        ("mono", PixelFormat::Grey),
+    ];
+    let known = families.into_iter().find_map(|(family, pixel)| Some((family, pixel, value.strip_prefix(family)?)));
+    // 420p10, mono16; 444alpha has a fourth plane
+    let is_8_bit = |kind: &str| !kind.trim_start_matches('p').starts_with(|c: char| c.is_ascii_digit()) && kind != "alpha";
+    let Some((family, pixel, kind)) = known.filter(|(_, _, kind)| is_8_bit(kind)) else {
+        return Err(format!(
+            "its chroma is {word}; gimbald reads 8-bit 420jpeg, 420mpeg2, 420paldv, 422, 444, 411 and mono: \
+             ffmpeg -i IN -pix_fmt yuv420p OUT.y4m converts what it can read"
+        ));
+    };
+    let siting = match (family, kind) {
+        ("420", "mpeg2") => Siting::Left,
+        ("420", "paldv") => Siting::TopLeft,
+        _ => Siting::Centre,
+    };
+    Ok(Chroma { pixel, siting, is_411: family == "411" })
 }
 
 /// The header line of a stream of planar `format`, newline included.

@@ -1,8 +1,10 @@
 //! y4m frames, one after the other.
 
-use super::header;
+use super::header::{self, Header};
 use crate::device::{DeviceError, FrameSource, Input, Lent, RawFrame, StreamFormat};
 use crate::frame::{FrameFlags, Stamp};
+use crate::image::{PlaneMut, PlaneRef};
+use crate::kernel::convert;
 use std::path::Path;
 
 /// No header line is longer than this; what ffmpeg writes has some 70 bytes.
@@ -11,7 +13,7 @@ const LONGEST_LINE: usize = 2048;
 /// What each frame begins with.
 const FRAME: &[u8] = b"FRAME";
 
-/// A y4m stream from a file or standard input. Holds one frame in memory, however long the stream.
+/// A y4m stream from a file or standard input. Holds one frame in memory, however long the stream (4:1:1: two).
 /// However large a header says frames are, memory grows only with the bytes that come.
 ///
 /// Frame `n` is stamped `n` intervals after 0. A stream that ends within a frame gives all whole frames first, then a
@@ -19,10 +21,13 @@ const FRAME: &[u8] = b"FRAME";
 #[derive(Debug)]
 pub struct Y4mSource {
     input: Input,
-    format: StreamFormat,
+    header: Header,
     frames: Option<u64>,
+    /// Bytes of a frame in the stream, and those of the one read last.
     frame_bytes: usize,
     bytes: Vec<u8>,
+    /// A frame of 4:1:1 as 4:2:2.
+    widened: Vec<u8>,
     line: Vec<u8>,
     next: u64,
     ended: bool,
@@ -44,17 +49,22 @@ impl Y4mSource {
     pub fn new(mut input: Input) -> Result<Self, DeviceError> {
         let mut line = Vec::with_capacity(LONGEST_LINE);
         input.read_line(LONGEST_LINE, &mut line)?;
-        let format = match line.split_last() {
+        let header = match line.split_last() {
             Some((b'\n', words)) => header::parse(words),
             _ if line.len() == LONGEST_LINE => Err(format!("its header line is longer than {LONGEST_LINE} bytes")),
             _ => Err("it ends within its header line".into()),
         };
-        let format = format.map_err(|what| input.format_error(format!("not a y4m stream that gimbald reads: {what}")))?;
+        let header = header.map_err(|what| input.format_error(format!("not a y4m stream that gimbald reads: {what}")))?;
         let too_large = || input.format_error("a frame is larger than this machine's memory can be");
-        let frame_bytes = format.frame_bytes().ok_or_else(too_large)?;
+        let frame_bytes = match header.is_411 {
+            true => Some(layout_411(&header.format)[3]),
+            false => header.format.frame_bytes(),
+        };
+        let frame_bytes = frame_bytes.ok_or_else(too_large)?;
         let per_frame = frame_bytes as u64 + FRAME.len() as u64 + 1;
         let frames = input.len().map(|len| len.saturating_sub(input.position()) / per_frame);
-        Ok(Self { input, format, frames, frame_bytes, bytes: Vec::new(), line, next: 0, ended: false })
+        let (bytes, widened) = (Vec::new(), Vec::new());
+        Ok(Self { input, header, frames, frame_bytes, bytes, widened, line, next: 0, ended: false })
     }
 
     /// Reads the next frame into `self.bytes`; `false` at the end.
@@ -69,8 +79,13 @@ impl Y4mSource {
         let begins = self.line.strip_prefix(FRAME).and_then(|rest| rest.first());
         if !matches!((whole, begins), (true, Some(b'\n' | b' ' | b'\r' | b'\t'))) {
             let cut = !whole && (self.line.starts_with(FRAME) || FRAME.starts_with(&self.line));
-            let what =
-                if cut { "the stream ends within a frame's header" } else { "expected the word FRAME, found other bytes" };
+            let what = match () {
+                () if cut => "the stream ends within a frame's header",
+                () if n > 0 && !self.header.names_chroma => {
+                    "expected the word FRAME, found other bytes; the header names no chroma (C), so that frames were taken for 4:2:0"
+                }
+                () => "expected the word FRAME, found other bytes",
+            };
             return Err(self.input.format_error(format!("damaged at byte {start}, before frame {n}: {what}")));
         }
         let found = self.input.read_into(self.frame_bytes, &mut self.bytes)?;
@@ -82,13 +97,40 @@ impl Y4mSource {
                 self.frame_bytes,
             )));
         }
+        if self.header.is_411 {
+            self.widen();
+        }
         Ok(true)
     }
+
+    /// Makes 4:2:2 of the 4:1:1 frame that was read.
+    fn widen(&mut self) {
+        let format = &self.header.format;
+        let [luma, width, chroma, _] = layout_411(format);
+        let (height, half) = (format.height as usize, (format.width as usize).div_ceil(2));
+        self.widened.resize(luma + 2 * half * height, 0);
+        self.widened[..luma].copy_from_slice(&self.bytes[..luma]);
+        let from = self.bytes[luma..self.frame_bytes].chunks_exact(chroma);
+        for (from, into) in from.zip(self.widened[luma..].chunks_exact_mut(half * height)) {
+            let from = PlaneRef::new(from, width, height, width);
+            let into = PlaneMut::new(into, half, height, half);
+            if let (Some(from), Some(into)) = (from, into) {
+                convert::widen(from, into);
+            }
+        }
+    }
+}
+
+/// Of a 4:1:1 frame that becomes one of `format`: bytes of luma, of a row of chroma, of a plane of it, and of the whole frame.
+fn layout_411(format: &StreamFormat) -> [usize; 4] {
+    let (width, height) = (format.width as usize, format.height as usize);
+    let (luma, row) = (width * height, width.div_ceil(4));
+    [luma, row, row * height, luma + 2 * row * height]
 }
 
 impl FrameSource for Y4mSource {
     fn format(&self) -> StreamFormat {
-        self.format
+        self.header.format
     }
 
     /// From the file's length, unless it is a pipe; too many by a few where frames have parameters.
@@ -105,9 +147,10 @@ impl FrameSource for Y4mSource {
             self.ended = true;
             return read.map(|_| Lent::End);
         }
-        let stamp =
-            Stamp { time_ns: self.format.nominal_time_ns(self.next), sequence: self.next, flags: FrameFlags::default() };
+        let format = self.header.format;
+        let stamp = Stamp { time_ns: format.nominal_time_ns(self.next), sequence: self.next, flags: FrameFlags::default() };
         self.next += 1;
-        Ok(Lent::Frame(RawFrame { format: self.format, bytes: &self.bytes[..self.frame_bytes], stamp }))
+        let bytes = if self.header.is_411 { &self.widened[..] } else { &self.bytes[..self.frame_bytes] };
+        Ok(Lent::Frame(RawFrame { format, bytes, stamp }))
     }
 }

@@ -50,6 +50,61 @@ fn headers_say_what_they_say() {
     }
 }
 
+/// As ffmpeg reads them, from what ffmpeg, mjpegtools and x264 write.
+#[test]
+fn chroma_is_named_by_c_or_else_by_xyscss() {
+    for (tags, pixel, siting) in [
+        ("XYSCSS=420JPEG", PixelFormat::I420, Siting::Centre),
+        ("XYSCSS=420MPEG2", PixelFormat::I420, Siting::Left),
+        ("XYSCSS=420PALDV", PixelFormat::I420, Siting::TopLeft),
+        ("XYSCSS=422", PixelFormat::I422, Siting::Centre),
+        ("XYSCSS=444", PixelFormat::I444, Siting::Centre),
+        ("XYSCSS=411", PixelFormat::I422, Siting::Centre),
+        ("C411 XYSCSS=411", PixelFormat::I422, Siting::Centre),
+        ("C420", PixelFormat::I420, Siting::Centre),
+        ("XYSCSS=420MPEG2 C444", PixelFormat::I444, Siting::Centre),
+        ("C420paldv XYSCSS=444P10", PixelFormat::I420, Siting::TopLeft),
+        ("Cmono XYSCSS=400", PixelFormat::Grey, Siting::Centre),
+    ] {
+        let format = open(format!("YUV4MPEG2 W5 H3 F25:1 {tags}\n")).unwrap().format();
+        assert_eq!((format.pixel, format.colour.siting), (pixel, siting), "{tags}");
+    }
+    for (tags, named) in [
+        ("XYSCSS=422P10", "its chroma is XYSCSS=422P10"),
+        ("Cmono16 XYSCSS=444", "its chroma is Cmono16"),
+        ("C444alpha", "its chroma is C444alpha"),
+        ("C410", "its chroma is C410"),
+    ] {
+        let said = refusal(&format!("YUV4MPEG2 W5 H3 F25:1 {tags}\n"));
+        assert!(said.contains(named) && said.contains("8-bit") && said.contains("411"), "{tags}: {said}");
+    }
+}
+
+#[test]
+fn a_frame_of_4_1_1_becomes_one_of_4_2_2() {
+    // 6 x 2: six luma samples a row, two of U and of V
+    let frame: Vec<u8> = (1..=12).chain([100, 180, 20, 20, 0, 255, 8, 4]).collect();
+    let mut stream = b"YUV4MPEG2 W6 H2 F25:1 C411\n".to_vec();
+    for _ in 0..2 {
+        stream.extend([b"FRAME\n".to_vec(), frame.clone()].concat());
+    }
+    let mut source = open(stream).unwrap();
+    assert_eq!((source.frames(), source.format().frame_bytes()), (Some(2), Some(24)));
+    let (frames, error) = drain(&mut source);
+    let chroma = [[100, 120, 160], [20, 20, 20], [0, 64, 191], [8, 7, 5]].concat();
+    let expected: Vec<u8> = (1..=12).chain(chroma).collect();
+    assert_eq!((frames, error), (vec![expected.clone(), expected], None));
+}
+
+#[test]
+fn where_no_chroma_is_named_the_wrong_size_of_a_frame_is_put_down_to_that() {
+    let frames = b"FRAME\nabcdefghijklFRAME\nabcdefghijkl";
+    let (given, error) = drain(&mut open([&b"YUV4MPEG2 W2 H2 F25:1\n"[..], frames].concat()).unwrap());
+    assert!(given.len() == 1 && error.unwrap().contains("names no chroma (C), so that frames were taken for 4:2:0"));
+    let (given, error) = drain(&mut open([&b"YUV4MPEG2 W2 H2 F25:1 C420jpeg\n"[..], frames].concat()).unwrap());
+    assert!(given.len() == 1 && !error.unwrap().contains("chroma"));
+}
+
 #[test]
 fn what_is_refused_is_named() {
     for (header, word) in [
@@ -62,7 +117,7 @@ fn what_is_refused_is_named() {
         ("YUV4MPEG2 W99999999999999999999 H3\n", "1 to 8192"),
         ("YUV4MPEG2 W5 H3 It\n", "interlaced"),
         ("YUV4MPEG2 W5 H3 C420p10\n", "8-bit"),
-        ("YUV4MPEG2 W5 H3 C411\n", "C411"),
+        ("YUV4MPEG2 W5 H3 C410\n", "C410"),
         ("YUV4MPEG2 W5 H3 F30\n", "30:1"),
         ("YUV4MPEG2 W5 H3 \u{fc}\n", "unknown parameter"),
     ] {

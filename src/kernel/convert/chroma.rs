@@ -94,3 +94,18 @@ pub fn to_420(level: Level, (x, y): (usize, usize), from: PlaneRef<'_>, mut into
         }
     }
 }
+
+/// Doubles the columns of a chroma plane (4:1:1 to 4:2:2): each sample lies in the middle of its two new ones, and these are a quarter
+/// of the way to the neighbour on their side. `into` is at most twice as wide as `from`; rows that `from` has not are left alone.
+pub fn widen(from: PlaneRef<'_>, mut into: PlaneMut<'_>) {
+    // rare, and from files alone: one level for all
+    for row in 0..from.height().min(into.height()) {
+        let from = from.row(row);
+        let Some(last) = from.len().checked_sub(1) else { return };
+        for (column, out) in into.row_mut(row).iter_mut().enumerate() {
+            let near = (column / 2).min(last);
+            let far = if column % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(last) };
+            *out = ((3 * u16::from(from[near]) + u16::from(from[far]) + 2) >> 2) as u8;
+        }
+    }
+}

@@ -12,7 +12,7 @@ mod rgb;
 #[cfg(test)]
 mod tests;
 
-pub use chroma::{interleaved, thin, to_420};
+pub use chroma::{interleaved, thin, to_420, widen};
 pub use pack::{PackError, pack};
 pub use packed::{LumaFirst, packed_422};
 pub use range::{to_limited, to_limited_in_place};

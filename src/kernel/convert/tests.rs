@@ -1,7 +1,9 @@
 //! Every conversion against a naive one, on odd sizes, with padding and canaries, at every level of this processor.
 
 use super::*;
-use crate::image::{FromRgb, Picture, PictureRef, PixelFormat, Plane, PlaneRef, Range, RawLayout, Sampling, ToLimited};
+use crate::image::{
+    FromRgb, Picture, PictureRef, PixelFormat, Plane, PlaneMut, PlaneRef, Range, RawLayout, Sampling, ToLimited,
+};
 use crate::kernel::Level;
 use proptest::prelude::*;
 
@@ -206,6 +208,24 @@ fn interleaved_chroma_comes_apart_and_rare_chroma_is_brought_to_420() {
         let mut into = Plane::new(2, 4);
         to_420(level, (1, 4), PlaneRef::new(&bytes, 4, 2, 4).unwrap(), into.as_mut());
         assert_eq!(into.samples(), &[2, 4, 2, 4, 6, 8, 6, 8]);
+    }
+}
+
+#[test]
+fn a_widened_row_lies_where_its_samples_lay() {
+    let from = [0, 100, 200, 40];
+    let row = |width: usize, into: &mut [u8]| {
+        widen(PlaneRef::new(&from, width, 1, 4).unwrap(), PlaneMut::new(into, into.len(), 1, 8).unwrap())
+    };
+    let mut into = [CANARY; 8];
+    row(4, &mut into);
+    assert_eq!(into, [0, 25, 75, 125, 175, 160, 80, 40]);
+    for (width, columns) in [(4, 7), (1, 2), (1, 1), (0, 3)] {
+        let mut odd = [CANARY; 8];
+        row(width, &mut odd[..columns]);
+        let expected: &[u8] = if width == 4 { &into[..7] } else { &[from[0]; 2][..columns.min(2)] };
+        assert_eq!(&odd[..columns], if width == 0 { &[CANARY; 3][..] } else { expected });
+        assert!(odd[columns..].iter().all(|&sample| sample == CANARY));
     }
 }
 
