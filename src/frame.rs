@@ -14,6 +14,17 @@ pub struct Stamp {
     pub flags: FrameFlags,
 }
 
+/// When a frame was taken, as [`crate::stage::timing`] judges its stamp and those before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Nanoseconds on the camera's own even clock; only differences mean something.
+    pub time_ns: i64,
+    /// By how much the stamps say that more time passed since the frame before (seconds).
+    pub off_s: f64,
+    /// Whether the time since the frame before is known: the camera's rhythm is, and the stamp agrees with it.
+    pub is_certain: bool,
+}
+
 /// What a source says of a frame; a set of bits, stored as such in recordings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameFlags(pub u32);
@@ -153,7 +164,7 @@ pub struct Fit {
 /// What the stages found out about a frame, in journey order.
 #[derive(Clone, Debug, Default)]
 pub struct FrameContext {
-    /// Frame's time after the frame before it, seconds; 0 for a stream's first.
+    /// Frame's time after the frame before it by the camera's own clock, seconds (at most 1); 0 for a stream's first.
     pub interval_s: f64,
     /// The camera or its driver gave the frame before once more: it shows nothing new.
     pub repeat: bool,
@@ -197,8 +208,10 @@ impl FrameContext {
 /// A frame on its way. Made once, in a pool; nothing in it is allocated per frame after the first few.
 #[derive(Debug, Default)]
 pub struct Frame {
-    /// When it was taken.
+    /// When it was taken, as its source says.
     pub stamp: Stamp,
+    /// When it was taken, on the camera's own clock.
+    pub moment: Moment,
     /// The picture as it was taken.
     pub picture: Picture,
     /// Whether `picture` holds this frame; false where its data was damaged.

@@ -12,12 +12,13 @@ mod threaded;
 use std::collections::VecDeque;
 
 use crate::device::{DeviceError, FrameSink, StreamFormat};
-use crate::frame::{Frame, FrameContext, HoldReason, Outcome, PassReason, Stage};
+use crate::frame::{Frame, FrameContext, HoldReason, Moment, Outcome, PassReason, Stage};
 use crate::geometry::{Calibration, Pose};
 use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::clock;
 use crate::stage::shutter::{Motion, Pair, Shutter};
+use crate::stage::timing::{self, Timing};
 use crate::stage::{crop, detect, fit, presence, pyramid, smooth, track, trust, warp};
 
 pub use decode::{Decoder, Reason, Reasons, Unusable};
@@ -53,6 +54,7 @@ pub struct Stabilizer {
     sampling: Sampling,
     output: [usize; 2],
     nominal_s: f64,
+    timing: Timing,
     window: crop::Window,
     detector: detect::Detector,
     tracker: track::Tracker,
@@ -67,7 +69,7 @@ pub struct Stabilizer {
     slots: VecDeque<Slot>,
     /// Seconds by which frames may be late so that what comes is known.
     lookahead_s: f64,
-    /// Capture time of the frame whose motion became known last, that time in seconds of motion, and the interval before it.
+    /// Time of the frame whose motion became known last, that time in seconds of motion, and the interval before it.
     known_ns: Option<i64>,
     known_s: f64,
     interval_s: f64,
@@ -96,8 +98,6 @@ enum Progress {
 
 /// Frames that are under way at a time without look-ahead, at most.
 const FRAMES: usize = 10;
-/// The virtual camera never moves for longer than this, or the nominal interval, from one frame to the next (seconds).
-const LONGEST_STEP_S: f64 = 0.1;
 /// For this long after the last usable frame its picture is shown in place of unusable ones (nanoseconds); then the sink's own, if it
 /// has one. Most faults are over before, and a picture that stands still for longer passes for one that is live.
 const LONGEST_HELD_NS: i64 = 2_000_000_000;
@@ -120,6 +120,7 @@ impl Stabilizer {
             sampling: input.sampling(),
             output: [output.width as usize, output.height as usize],
             nominal_s,
+            timing: Timing::new(nominal_s),
             window: crop::Window::default(),
             detector: detect::Detector::new(params.detect),
             tracker: track::Tracker::new(params.track, level),
@@ -194,6 +195,7 @@ impl Stabilizer {
             self.slots.push_back(Slot { frame, progress: Progress::Ready });
             return;
         }
+        frame.moment = self.timing.judge(&frame.stamp);
         match reference.filter(|&i| size(&self.slots[i].frame) == size(&frame)) {
             None => self.begin(&mut frame),
             Some(reference) => {
@@ -231,7 +233,8 @@ impl Stabilizer {
     /// Compares the frame with the reference: pyramid, corners, tracks, homography, camera motion.
     fn compare(&mut self, reference: usize, frame: &mut Frame) {
         let before = &*self.slots[reference].frame;
-        let interval_s = seconds_between(before.stamp.time_ns, frame.stamp.time_ns, self.nominal_s);
+        let interval_s = timing::seconds_between(before.moment.time_ns, frame.moment.time_ns);
+        let Moment { off_s, is_certain, .. } = frame.moment;
         frame.context.interval_s = interval_s;
         timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
         timed(frame, Stage::Detect, |_| self.detector.replenish(before, &mut self.features));
@@ -246,7 +249,7 @@ impl Stabilizer {
         timed(frame, Stage::Shutter, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
             if !*repeat {
-                self.shutter.observe(Pair { tracks, fit, interval_s });
+                self.shutter.observe(Pair { tracks, fit, interval_s, off_s, is_certain });
                 track::remember(&mut self.features, tracks, self.shutter.newest().confidence);
             }
         });
@@ -263,11 +266,9 @@ impl Stabilizer {
     fn settle_waiting(&mut self, motion: Motion) {
         for i in 0..self.slots.len() {
             if self.slots[i].progress == Progress::Waiting {
-                let now_ns = self.slots[i].frame.stamp.time_ns;
-                // in a gap nothing was shown: the virtual camera has not moved meanwhile, and must not catch up in one frame
-                let longest_s = LONGEST_STEP_S.max(self.nominal_s);
-                let interval_s = self.known_ns.map_or(0.0, |before| seconds_between(before, now_ns, self.nominal_s));
-                self.interval_s = interval_s.min(longest_s);
+                let now_ns = self.slots[i].frame.moment.time_ns;
+                let interval_s = self.known_ns.map_or(0.0, |before| timing::seconds_between(before, now_ns));
+                self.interval_s = timing::step_s(interval_s, self.nominal_s);
                 self.known_s += self.interval_s;
                 self.known_ns = Some(now_ns);
                 let (pose, interval_s) = (self.shutter.pose(motion.path), self.interval_s);
@@ -412,11 +413,4 @@ fn ahead(lookahead_s: f64, nominal_s: f64) -> usize {
 
 fn size(frame: &Frame) -> [usize; 2] {
     [frame.picture.width(), frame.picture.height()]
-}
-
-/// Seconds from one capture time to another; the nominal interval where a clock stands still or runs back, and never so long
-/// that a stall would count as motion.
-fn seconds_between(before_ns: i64, now_ns: i64, nominal_s: f64) -> f64 {
-    let seconds = now_ns.saturating_sub(before_ns) as f64 * 1e-9;
-    if seconds > 0.0 { seconds.min(1.0) } else { nominal_s }
 }

@@ -1,12 +1,20 @@
 //! `gimbald calibrate` finds what the synthetic camera was told, says how sure it is, and says so where it cannot know.
 
+mod common;
+
+use common::film as shots_of;
+use common::stamps::{ALL, Stamped, stamp};
+use gimbald::device::recording::RecordingWriter;
 use gimbald::device::synthetic::{Motion, Params, Synthetic};
 use gimbald::device::y4m::Y4mSink;
-use gimbald::device::{FrameSink, FrameSource, Lent};
+use gimbald::device::{FrameSink, FrameSource, Lent, RawFrame};
 use gimbald::image::Picture;
 use gimbald::stage::unpack::Unpack;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+
+/// Cameras in the matrix, for each way of stamping.
+const SEEDS: u64 = 8;
 
 /// A file, gone afterwards.
 struct Clip(PathBuf);
@@ -32,6 +40,19 @@ fn film(name: &str, params: &Params) -> Clip {
         sink.submit(&frame.stamp).unwrap();
     }
     sink.finish().unwrap();
+    clip
+}
+
+/// The same as a recording, its frames stamped as said.
+fn record(name: &str, params: &Params, stamped: Stamped, seed: u64) -> Clip {
+    let clip = Clip(std::env::temp_dir().join(format!("gimbald-calibrate-{}-{name}.gbr", std::process::id())));
+    let mut shots = shots_of(params);
+    stamp(&mut shots, stamped, params.fps, seed);
+    let mut writer = RecordingWriter::create(&clip.0, &shots[0].format, "test").unwrap();
+    for shot in &shots {
+        writer.write_raw(&RawFrame { format: shot.format, bytes: &shot.bytes, stamp: shot.stamp }).unwrap();
+    }
+    writer.finish().unwrap();
     clip
 }
 
@@ -74,6 +95,91 @@ fn readout_times_of_either_sign_and_fields_of_view_are_found() {
         );
         assert!(text.contains(if readout_part < 0.0 { "bottom to top" } else { "top to bottom" }), "{text}");
     }
+}
+
+/// What was said of a camera of known readout time and field of view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Said {
+    /// Both, and the truth is as near as was said.
+    Right,
+    /// Nothing to copy, and why.
+    Refused,
+    /// Something else.
+    Wrong,
+}
+
+/// Calibrates from the frames of `params`'s camera, stamped as said.
+fn said(params: &Params, stamped: Stamped, seed: u64) -> (Said, String) {
+    let clip = record(&format!("{stamped:?}-{seed}").replace(|c: char| !c.is_ascii_alphanumeric(), "-"), params, stamped, seed);
+    let output = calibrate(&clip.0, &[]);
+    let (text, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let has_lines = ["readout_ms = ", "hfov_deg = ", "[camera]"].iter().any(|line| text.contains(line));
+    let said = match output.status.code() {
+        Some(0) => {
+            let (readout_ms, hfov) = (number(&text, "readout_ms = "), number(&text, "hfov_deg = "));
+            let (within_ms, within_deg) = (number(&text, " ms, give or take "), number(&text, "right, give or take "));
+            let is_right = (readout_ms - params.readout_ms).abs() <= within_ms && (hfov - params.hfov_deg).abs() <= within_deg;
+            if is_right { Said::Right } else { Said::Wrong }
+        }
+        Some(75) if !has_lines => Said::Refused,
+        _ => Said::Wrong,
+    };
+    (said, format!("{text}{errors}"))
+}
+
+/// What is said of a camera whose frames are stamped unevenly holds, or nothing is said but why.
+#[test]
+fn uneven_times_are_counted_in_or_refused() {
+    let mut right = 0;
+    for (seed, stamped) in (1u64..).zip([
+        Stamped::Jitter(3.0),
+        Stamped::Jitter(8.0),
+        Stamped::Late(20.0),
+        Stamped::Late(40.0),
+        Stamped::Stalls(166.0),
+        Stamped::Bursts(3),
+        Stamped::Dropped { counted: true },
+    ]) {
+        let (said, text) = said(&Params { frames: 150, seed, ..small(0.75, 60.0) }, stamped, seed);
+        println!("{stamped:?}: {said:?}\n{text}");
+        assert!(said != Said::Wrong, "{stamped:?}: {text}");
+        assert!(said == Said::Right || text.contains("times are uneven"), "{stamped:?}: {text}");
+        right += u32::from(said == Said::Right);
+    }
+    assert!(right >= 3, "only {right} were told");
+}
+
+/// The same for many seeds, readout times and fields of view; takes minutes.
+#[test]
+#[ignore = "by hand: cargo test --release --test calibrate -- --ignored --nocapture matrix"]
+fn matrix() {
+    let mut wrong = 0;
+    for stamped in ALL {
+        let mut counts = [0; 3];
+        for seed in 0..SEEDS {
+            let (part, hfov_deg) = [(0.75, 60.0), (0.9, 70.0), (0.4, 55.0), (-0.6, 65.0)][(seed % 4) as usize];
+            let (said, text) = said(&Params { frames: 180, seed: 100 + seed, ..small(part, hfov_deg) }, stamped, seed);
+            counts[said as usize] += 1;
+            if said == Said::Wrong {
+                println!("{stamped:?}, seed {seed}, readout {part}, {hfov_deg} degrees:\n{text}");
+            }
+        }
+        println!("{stamped:?}: of {SEEDS}, {} right, {} refused, {} wrong", counts[0], counts[1], counts[2]);
+        wrong += counts[2];
+    }
+    let most = SEEDS * ALL.len() as u64 / 20;
+    assert!(wrong <= most, "{wrong} wrong, more than the {most} of which two deviations may miss");
+}
+
+/// Times that say next to nothing are named as what is to blame.
+#[test]
+fn a_clock_that_says_nothing_is_named() {
+    let clip = record("still-clock", &small(0.75, 60.0), Stamped::Still, 1);
+    let output = calibrate(&clip.0, &[]);
+    let (text, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(75), "{text} {errors}");
+    assert!(errors.contains("times are uneven") && !errors.contains("too little motion"), "{errors}");
+    assert!(!text.contains("[camera]"), "{text}");
 }
 
 #[test]

@@ -23,13 +23,17 @@ use crate::device::{FrameSource, replay};
 use crate::pipeline::Camera;
 use crate::rt::wake::Wake;
 use crate::stage::shutter::certainty::{self, Estimate};
-use footage::{Answer, Footage, LEAST_MOTION_PX};
+use footage::{Answer, Evenness, Footage, LEAST_MOTION_PX};
 use limited::Limited;
 
 /// Footage looked at where nothing else is said, seconds: of a camera, of a file.
 const SECONDS: (f64, f64) = (20.0, 120.0);
 /// Frames below which nothing is said.
 const LEAST_FRAMES: u64 = 10;
+/// Part of the intervals that may be doubtful.
+const MOST_DOUBT: f64 = 0.25;
+/// Jitter (frame intervals), and part of the intervals that is doubtful, from which times are called uneven.
+const UNEVEN: (f64, f64) = (0.05, 0.1);
 /// Share by which another answer's misfit must be larger than the best one's.
 const CLEARLY: f64 = 0.05;
 
@@ -83,10 +87,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if stop.is_set() && recorded {
         return Err(Failure::new(Exit::Interrupted, "interrupted; nothing was found out"));
     }
-    let found = Found { interval_s: footage.interval_s(), best, ambiguous: other.filter(|other| !clearly(&best, other)) };
+    let found = Found {
+        interval_s: footage.interval_s(),
+        evenness: footage.evenness(),
+        best,
+        ambiguous: other.filter(|other| !clearly(&best, other)),
+    };
     let name = input.display().to_string();
-    say(&found.told(&name, &footage))?;
-    found.judged(&name, &footage)
+    let fault = found.fault(&footage);
+    say(&found.told(&name, &footage, fault.is_none()))?;
+    fault.map_or(Ok(()), |fault| Err(Failure::new(Exit::Inconclusive, format!("{name}: {fault}"))))
 }
 
 /// Where most frames cannot be used, that is to blame and not the motion; a few are no matter.
@@ -132,6 +142,7 @@ fn clearly(best: &Answer, other: &Answer) -> bool {
 /// What was found.
 struct Found {
     interval_s: f64,
+    evenness: Evenness,
     best: Answer,
     /// Another answer that agrees with the footage about as well.
     ambiguous: Option<Answer>,
@@ -139,15 +150,21 @@ struct Found {
 
 impl Found {
     fn readout(&self) -> Option<Estimate> {
-        certainty::known_readout(&self.best.camera, self.interval_s).filter(|_| self.ambiguous.is_none())
+        let known = certainty::known_readout(&self.best.camera, self.interval_s);
+        known.filter(|_| self.ambiguous.is_none() && self.evenness.doubt() <= MOST_DOUBT)
     }
 
     fn hfov(&self) -> Option<Estimate> {
         certainty::known_hfov(&self.best.camera).filter(|_| self.readout().is_some())
     }
 
-    /// The answer in words, and the lines for the configuration.
-    fn told(&self, name: &str, footage: &Footage) -> String {
+    /// Whether the frames' times are so uneven that they are worth a word.
+    fn is_uneven(&self) -> bool {
+        self.evenness.jitter_s > UNEVEN.0 * self.interval_s || self.evenness.doubt() > UNEVEN.1
+    }
+
+    /// The answer in words, and where it is whole, the lines for the configuration.
+    fn told(&self, name: &str, footage: &Footage, is_whole: bool) -> String {
         let Answer { motion_px, moving_s, .. } = self.best;
         let (duration_s, interval_s) = (footage.duration_s(), self.interval_s);
         let mut text = format!("{name}: {} frames, {duration_s:.1} s", footage.frames);
@@ -158,6 +175,9 @@ impl Found {
             text,
             "\nmotion: {motion_px:.1} pixels from frame to frame (root mean square); more than {LEAST_MOTION_PX} in {moving_s:.1} s"
         );
+        if self.is_uneven() {
+            let _ = writeln!(text, "times: {}", self.unevenness());
+        }
         let mut lines = String::new();
         if let Some(Estimate { value, uncertainty }) = self.readout() {
             let direction = match value {
@@ -178,18 +198,53 @@ impl Found {
             let _ = writeln!(text, "field of view: {value:.1} degrees from left to right, give or take {uncertainty:.1}");
             let _ = writeln!(lines, "hfov_deg = {value:.1}");
         }
-        if !lines.is_empty() {
+        if is_whole {
             let _ = write!(text, "For the configuration:\n\n[camera]\n{lines}");
         }
         text
     }
 
-    /// Whether everything is known.
-    fn judged(&self, name: &str, footage: &Footage) -> Result<(), Failure> {
-        let mut missing = Vec::new();
+    fn unevenness(&self) -> String {
+        let Evenness { jitter_s, intervals, doubtful } = self.evenness;
+        format!(
+            "frames are stamped unevenly, by {:.1} ms against the camera's rhythm (root mean square); {doubtful} of {intervals} \
+             intervals do not fit it",
+            1e3 * jitter_s
+        )
+    }
+
+    /// Why not everything is known, where it is not, and what to do.
+    fn fault(&self, footage: &Footage) -> Option<String> {
+        let missing = self.missing(footage);
+        if missing.is_empty() {
+            return None;
+        }
+        let what = missing.join("; ");
+        Some(match () {
+            () if footage.frames < LEAST_FRAMES => {
+                format!("too short to tell: {what}; give it more footage, or leave the keys at \"auto\"")
+            }
+            () if self.is_uneven() => format!(
+                "the frames' times are uneven: {}; {what}; record longer, on a machine that does nothing else, with the camera at a \
+                 port of its own, or leave the keys at \"auto\"",
+                self.unevenness()
+            ),
+            () => format!(
+                "too little motion, or motion that does not tell: {what}; move the camera more, turning it left and right and up and \
+                 down, before a scene that stands still and is not near, without carrying it about, or leave the keys at \"auto\""
+            ),
+        })
+    }
+
+    /// What is not known, and why, in so many words.
+    fn missing(&self, footage: &Footage) -> Vec<String> {
         let limit = certainty::LIMIT;
         if footage.frames < LEAST_FRAMES {
-            missing.push(format!("{} frames are too few", footage.frames));
+            return vec![format!("{} frames are too few", footage.frames)];
+        }
+        let mut missing = Vec::new();
+        if self.evenness.doubt() > MOST_DOUBT {
+            missing.push(format!("no more than {:.0} % of the intervals may be doubtful", 100.0 * MOST_DOUBT));
         } else if certainty::known_readout(&self.best.camera, self.interval_s).is_none() {
             let Estimate { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
             let [value, uncertainty] = [value, uncertainty].map(|seconds| 100.0 * seconds / self.interval_s);
@@ -205,7 +260,7 @@ impl Found {
             let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s);
             missing.push(format!("readout times of {a:.1} and of {b:.1} ms agree with it about as well"));
         }
-        if footage.frames >= LEAST_FRAMES && certainty::known_hfov(&self.best.camera).is_none() {
+        if certainty::known_hfov(&self.best.camera).is_none() {
             let Estimate { value, uncertainty } = certainty::hfov(&self.best.camera);
             missing.push(if uncertainty > limit.1 {
                 format!("the field of view stays uncertain by {uncertainty:.0} degrees ({:.0} at most would do)", limit.1)
@@ -213,14 +268,6 @@ impl Found {
                 format!("the field of view went to {value:.0} degrees, the edge of what is looked for")
             });
         }
-        if missing.is_empty() {
-            return Ok(());
-        }
-        let what = format!(
-            "{name}: too little motion, or motion that does not tell: {}; move the camera more, turning it left and right and up and down, before a scene that \
-             stands still and is not near, without carrying it about, or leave the keys at \"auto\"",
-            missing.join("; ")
-        );
-        Err(Failure::new(Exit::Inconclusive, what))
+        missing
     }
 }

@@ -244,7 +244,10 @@ impl State {
     fn learn(&mut self, found: &Calibration) {
         let Some(mode) = self.current.clone() else { return };
         let readout = certainty::known_readout(found, mode.interval_s()).map(|estimate| Value::new(estimate, 1e3));
+        // what would be refused when it is read is not kept
+        let readout = readout.filter(|value| value.fits(RANGES.0));
         let hfov = certainty::known_hfov(found).map(|estimate| Value::new(estimate, 1.0));
+        let hfov = hfov.filter(|value| value.fits(RANGES.1));
         if readout.is_none() && hfov.is_none() {
             return;
         }
@@ -383,6 +386,22 @@ mod tests {
         memory.begin(mode("A"), Camera::default());
         memory.end(&Calibration { readout_s: -0.02, ..SURE });
         assert!(scratch.text().contains("-20.0"), "{}", scratch.text());
+    }
+
+    /// A camera of ten frames a second may read for longer than a setting can say.
+    #[test]
+    fn what_would_be_refused_is_not_kept() {
+        let scratch = Scratch::new();
+        let slow = Mode { fps: 9.6, ..mode("slow") };
+        for (readout_s, is_kept) in [(0.0999, true), (0.1001, false), (-0.102, false)] {
+            let memory = Memory::open(Some(scratch.path()));
+            memory.begin(slow.clone(), Camera::default());
+            memory.end(&Calibration { readout_s, readout_deviation_s: 1e-3, ..SURE });
+            let known = Memory::open(Some(scratch.path())).begin(slow.clone(), Camera::default());
+            assert!(known.hfov_deg != Known::Nothing, "{readout_s}: the rest is kept, and read");
+            let kept = matches!(known.readout_ms, Known::About(readout_ms, _) if (readout_ms - 1e3 * readout_s).abs() < 1e-6);
+            assert_eq!(kept, is_kept, "{readout_s}: {known:?}");
+        }
     }
 
     #[test]

@@ -201,7 +201,7 @@ impl Window {
             return;
         }
         let wanted = if reach >= FULL { MORE * reach } else { reach };
-        self.need = (self.need * (-interval_s.max(0.0) / NEED_S).exp()).max(wanted * (margin(self.zoom) + self.beyond));
+        self.need = (self.need * (-interval_s / NEED_S).exp()).max(wanted * (margin(self.zoom) + self.beyond));
         let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(LEAST_AUTO.min(self.auto), self.auto);
         if (goal / self.goal).ln().abs() > IDLE {
             self.goal = goal;
@@ -215,14 +215,14 @@ impl Window {
             (true, true) => GROW,
             (true, false) => SHRINK,
         };
-        let most = rate * interval_s.clamp(0.0, 1.0);
+        let most = rate * interval_s;
         if self.zoom > 0.0 && self.zoom != self.goal {
             self.zoom = (self.goal / self.zoom).ln().clamp(-most, most).exp() * self.zoom;
             if (self.zoom / self.goal - 1.0).abs() < 1e-9 {
                 self.zoom = self.goal;
             }
         }
-        let most = GLIDE * interval_s.clamp(0.0, 1.0);
+        let most = GLIDE * interval_s;
         self.beyond += (self.beyond_goal() - self.beyond).clamp(-most, most);
     }
 

@@ -7,6 +7,7 @@ pub mod presence;
 pub mod pyramid;
 pub mod shutter;
 pub mod smooth;
+pub mod timing;
 pub mod track;
 pub mod trust;
 pub mod unpack;

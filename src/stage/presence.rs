@@ -23,7 +23,7 @@ impl Presence {
 
     /// The part (0 to 1) after `interval_s` seconds.
     pub fn step(&mut self, interval_s: f64) -> f64 {
-        let way = interval_s.clamp(0.0, 0.2) / FADE_S;
+        let way = interval_s / FADE_S;
         self.level = (self.level + if self.on { way } else { -way }).clamp(0.0, 1.0);
         self.level * self.level * (3.0 - 2.0 * self.level)
     }

@@ -26,7 +26,6 @@ impl Trust {
     /// The trust (0 to 1, with no edge at either end) after `interval_s` seconds that ended in a frame whose motion is known with
     /// `confidence` (0 to 1).
     pub fn step(&mut self, confidence: f64, interval_s: f64) -> f64 {
-        let interval_s = interval_s.clamp(0.0, 0.2);
         if confidence >= KNOWN {
             self.unknown_s = 0.0;
             self.level = (self.level + interval_s / RISE_S).min(1.0);

@@ -1,6 +1,8 @@
 //! What several tests need: sources that follow a script, a wall to look at, and an observer that remembers what it was shown.
 #![allow(dead_code, reason = "each test takes what it needs of it")]
 
+pub mod stamps;
+
 use gimbald::device::synthetic::{self, Synthetic};
 use gimbald::device::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
 use gimbald::frame::{Fit, Frame, FrameFlags, Outcome, Stamp, Track};

@@ -43,6 +43,25 @@ struct Seen {
     tracks: Vec<Track>,
     fit: Fit,
     interval_s: f64,
+    off_s: f64,
+    is_certain: bool,
+}
+
+/// How even the times of the frames are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Evenness {
+    /// Root mean square of what the stamps of neighbouring frames say otherwise than the camera's rhythm (seconds).
+    pub(super) jitter_s: f64,
+    /// Intervals between frames, and those of them of which it is not known how long they were.
+    pub(super) intervals: usize,
+    pub(super) doubtful: usize,
+}
+
+impl Evenness {
+    /// Part of the intervals that is doubtful.
+    pub(super) fn doubt(&self) -> f64 {
+        self.doubtful as f64 / self.intervals.max(1) as f64
+    }
 }
 
 /// An answer, and how well it agrees with the footage.
@@ -84,6 +103,14 @@ impl Footage {
         let mut intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.interval_s).collect();
         intervals.sort_unstable_by(f64::total_cmp);
         intervals.get(intervals.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// How even the frames' times are.
+    pub(super) fn evenness(&self) -> Evenness {
+        let sure = self.pairs.iter().filter(|pair| pair.is_certain);
+        let (count, squares) = sure.fold((0, 0.0), |(count, squares), pair| (count + 1, squares + pair.off_s * pair.off_s));
+        let intervals = self.pairs.len();
+        Evenness { jitter_s: (squares / count.max(1) as f64).sqrt(), intervals, doubtful: intervals - count }
     }
 
     /// Time from the first frame to the last, seconds.
@@ -144,7 +171,8 @@ impl Footage {
         let mut before: Option<Rows> = None;
         for pair in &self.pairs {
             tracks.clone_from(&pair.tracks);
-            model.observe(Pair { tracks: &mut tracks, fit: &pair.fit, interval_s: pair.interval_s });
+            let &Seen { ref fit, interval_s, off_s, is_certain, .. } = pair;
+            model.observe(Pair { tracks: &mut tracks, fit, interval_s, off_s, is_certain });
             let newest = model.newest();
             let RowMotion::Poses { camera, rows } = newest.rows else { continue };
             let now = Rows { camera, rows, path: newest.path };
@@ -203,7 +231,13 @@ impl Observer for Footage {
         }
         self.size = size;
         if context.interval_s > 0.0 {
-            self.pairs.push(Seen { tracks: context.tracks.clone(), fit: context.fit, interval_s: context.interval_s });
+            self.pairs.push(Seen {
+                tracks: context.tracks.clone(),
+                fit: context.fit,
+                interval_s: context.interval_s,
+                off_s: frame.moment.off_s,
+                is_certain: frame.moment.is_certain,
+            });
         }
     }
 

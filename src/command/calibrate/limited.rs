@@ -2,6 +2,7 @@
 
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::rt::clock::monotonic_ns;
+use crate::stage::timing::Timing;
 
 use super::super::record::PATIENCE;
 
@@ -10,15 +11,17 @@ pub(super) struct Limited {
     source: Box<dyn FrameSource>,
     seconds: f64,
     frames: u64,
-    first_ns: Option<i64>,
+    timing: Timing,
     came_ns: i64,
 }
 
 impl Limited {
-    /// `source` until a frame comes `seconds` after the first by the frames' own clock, or `frames` have come. Where none comes for
+    /// `source` until a frame comes `seconds` after the first by the camera's own clock, or `frames` have come. Where none comes for
     /// long, that is its end, too.
     pub(super) fn new(source: Box<dyn FrameSource>, seconds: f64, frames: Option<u64>) -> Self {
-        Self { source, seconds, frames: frames.unwrap_or(u64::MAX), first_ns: None, came_ns: monotonic_ns() }
+        let rate = source.format().rate();
+        let timing = Timing::new(if rate > 0.0 { 1.0 / rate } else { 1.0 / 30.0 });
+        Self { source, seconds, frames: frames.unwrap_or(u64::MAX), timing, came_ns: monotonic_ns() }
     }
 }
 
@@ -39,8 +42,7 @@ impl FrameSource for Limited {
         }
         match self.source.lend()? {
             Lent::Frame(frame) => {
-                let first_ns = *self.first_ns.get_or_insert(frame.stamp.time_ns);
-                if frame.stamp.time_ns.saturating_sub(first_ns) as f64 / 1e9 >= self.seconds {
+                if self.timing.judge(&frame.stamp).time_ns as f64 / 1e9 >= self.seconds {
                     self.frames = 0;
                     return Ok(Lent::End);
                 }

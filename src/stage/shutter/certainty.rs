@@ -3,12 +3,13 @@
 //! The continuous model's standard deviations already distrust the tracks' statistics (its `globals` module). Measured on eleven
 //! rendered clips of known cameras (four seconds each; hands, walking, knocked desks, a vehicle, logged gyroscopes, a person in the
 //! picture, darkness), from the best of several starts, the readout time was off by 0.0 to 1.2 of them, 0.1 in the median, and the
-//! field of view by 0.0 to 0.4. [`FACTOR`] of them are stated, which leaves room for what is rendered nowhere: lens distortion, jitter
-//! of the frames' times, parallax. A camera that travels is beyond that: on a clip from behind a windscreen, whose field of view is
+//! field of view by 0.0 to 0.4. [`FACTOR`] of them are stated, which leaves room for what is rendered nowhere: lens distortion,
+//! parallax. The errors of the frames' times are among them, as far as the stamps betray them (the `globals` module's
+//! `Unevenness`). A camera that travels is beyond that: on a clip from behind a windscreen, whose field of view is
 //! 70 degrees, the model drifted to the edge of what it looks for, 45. So a field of view at that edge is not known at all. A floor
 //! is added for what no length of footage averages out.
 
-use super::continuous::HFOV_LIMITS_DEG;
+use super::continuous::{HFOV_LIMITS_DEG, LONGEST_READOUT};
 use crate::geometry::Calibration;
 
 /// Standard deviations in a stated uncertainty.
@@ -18,9 +19,11 @@ const FLOOR: (f64, f64) = (0.005, 0.2);
 /// Uncertainty beyond which a value is not known (frame intervals; degrees).
 pub const LIMIT: (f64, f64) = (0.1, 3.0);
 /// Distance to the edge of what the model looks for at which a field of view counts as stuck there (degrees).
-const STUCK_DEG: f64 = 0.1;
-/// No readout takes longer than the frame interval (frame intervals); a little is left for error.
-const LONGEST_READOUT: f64 = 1.05;
+const STUCK_DEG: f64 = 0.5;
+/// No readout takes longer than the frame interval (frame intervals); a little is left for error, and what the model looks for goes on
+/// beyond ([`LONGEST_READOUT`]), so that what got stuck at its edge is told from a readout that fills the interval.
+const MOST_READOUT: f64 = 1.05;
+const _: () = assert!(MOST_READOUT < LONGEST_READOUT);
 /// Where the edge begins at which the model may have got stuck (frame intervals).
 const EDGE: f64 = 0.99;
 
@@ -49,7 +52,7 @@ pub fn hfov(found: &Calibration) -> Estimate {
 pub fn known_readout(found: &Calibration, interval_s: f64) -> Option<Estimate> {
     let estimate = readout(found, interval_s);
     let sure = found.readout_deviation_s > 0.0 && estimate.uncertainty <= LIMIT.0 * interval_s;
-    let longest = if found.hfov_deviation_deg > 0.0 && known_hfov(found).is_none() { EDGE } else { LONGEST_READOUT };
+    let longest = if found.hfov_deviation_deg > 0.0 && known_hfov(found).is_none() { EDGE } else { MOST_READOUT };
     (sure && estimate.value.abs() <= longest * interval_s).then_some(estimate)
 }
 
@@ -77,7 +80,13 @@ mod tests {
         assert_eq!((known_readout(&given, interval_s), known_hfov(&given)), (None, None));
         let vague = Calibration { readout_deviation_s: 2e-3, hfov_deviation_deg: 2.0, ..found };
         assert_eq!((known_readout(&vague, interval_s), known_hfov(&vague)), (None, None));
-        assert_eq!(known_hfov(&Calibration { hfov_deg: HFOV_LIMITS_DEG[0], ..found }), None);
+        for limit in HFOV_LIMITS_DEG {
+            assert_eq!(known_hfov(&Calibration { hfov_deg: limit, ..found }), None);
+        }
+        let longest = LONGEST_READOUT * interval_s;
+        for limit in [-longest, longest] {
+            assert_eq!(known_readout(&Calibration { readout_s: limit, ..found }, interval_s), None);
+        }
         assert_eq!(known_readout(&Calibration { readout_s: 0.0367, ..found }, interval_s), None);
         let full = Calibration { readout_s: -interval_s, ..found };
         assert_eq!(known_readout(&full, interval_s).map(|known| known.value), Some(-interval_s));

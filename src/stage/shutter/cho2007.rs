@@ -92,7 +92,7 @@ impl Cho2007 {
 
     /// Decomposes the pair's homography. What is not believed counts as no motion.
     pub fn observe(&mut self, pair: &Pair<'_>) {
-        let interval_s = pair.interval_s.max(1e-4);
+        let interval_s = pair.interval_s;
         let part = self.readout.or(USUAL_READOUT * interval_s, 0.0).0 / interval_s;
         let rows = self.height / if part.abs() < LEAST_READOUT { LEAST_READOUT } else { part };
         let confidence = pair.fit.confidence;

@@ -81,8 +81,12 @@ pub struct Pair<'a> {
     pub tracks: &'a mut [Track],
     /// Their homography.
     pub fit: &'a Fit,
-    /// Time from one to the other, seconds.
+    /// Time from one to the other, seconds; more than 0.
     pub interval_s: f64,
+    /// By how much the frames' stamps say otherwise, seconds.
+    pub off_s: f64,
+    /// Whether the time is known, or no more than the best guess.
+    pub is_certain: bool,
 }
 
 /// The camera's path where the reading of a frame's rows begins and ends.

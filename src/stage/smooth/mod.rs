@@ -144,7 +144,7 @@ impl Smoother {
             let unit = if self.params.mode == Mode::Adaptive { self.half[c] } else { 0.0 };
             let ends = ends.map(|end| end[c]);
             match self.observed {
-                true => channel.forecast.observe(&self.tuning, camera[c], interval_s.clamp(0.0, 10.0), ends, unit),
+                true => channel.forecast.observe(&self.tuning, camera[c], interval_s, ends, unit),
                 false => channel.forecast.begin(camera[c]),
             }
         }
@@ -167,7 +167,6 @@ impl Smoother {
             }
             return camera;
         }
-        let interval_s = interval_s.clamp(0.0, 10.0);
         let goal = self.params.strength.clamp(0.0, 1.0);
         self.strength += (goal - self.strength).clamp(-interval_s / STRENGTH_S, interval_s / STRENGTH_S);
         for c in ORDER {

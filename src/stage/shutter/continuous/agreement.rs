@@ -86,7 +86,7 @@ impl Agreement {
             }
         }
         if sum > 0.0 && across.is_finite() && square.is_finite() {
-            let keep = (-interval_s.max(0.0) / MEMORY_S).exp();
+            let keep = (-interval_s / MEMORY_S).exp();
             for (sum, news) in self.sums.iter_mut().zip([across / sum, square / sum, 1.0]) {
                 *sum = keep * *sum + (1.0 - keep) * news;
             }

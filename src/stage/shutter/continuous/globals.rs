@@ -15,6 +15,30 @@ const MEMORY: f64 = 0.9995;
 /// Information on what is known for certain.
 const CERTAIN: f64 = 1e18;
 
+/// How far the times between frames are to be believed, from what their stamps say otherwise.
+///
+/// A speed is a difference of poses by a time; where the time is off by a part of itself, so is what the speed says of the readout time.
+/// The errors of different pairs are independent, so that they average out.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unevenness {
+    /// Faded sums over the pairs: how much they said, and the squares of that times the relative error of their time.
+    said: f64,
+    squares: f64,
+}
+
+impl Unevenness {
+    /// Takes in a pair of frames whose time may be off by the part `off` of itself, and of which the part `share` counts.
+    pub fn take(&mut self, share: f64, off: f64) {
+        self.said = MEMORY * self.said + share;
+        self.squares = MEMORY * MEMORY * self.squares + share * share * off * off;
+    }
+
+    /// Standard deviation of the mean speed, a part of it.
+    pub fn deviation(&self) -> f64 {
+        if self.said > 0.0 { self.squares.sqrt() / self.said } else { 0.0 }
+    }
+}
+
 /// The evidence so far; the globals' origin is where they are believed to be.
 #[derive(Debug, Default)]
 pub struct Globals {
@@ -81,5 +105,22 @@ impl Globals {
             matrix[g][g] = matrix[g][g].max(0.0) + self.expected[g];
         }
         (matrix, matrix[0][0] * matrix[1][1] - matrix[0][1] * matrix[1][0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_times_average_out() {
+        let mut times = Unevenness::default();
+        assert_eq!(times.deviation(), 0.0);
+        (0..100).for_each(|_| times.take(1.0, 0.3));
+        assert!((times.deviation() - 0.03).abs() < 0.001, "{}", times.deviation());
+        (0..100).for_each(|_| times.take(1.0, 0.0));
+        assert!((times.deviation() - 0.015).abs() < 0.001, "{}", times.deviation());
+        (0..100).for_each(|_| times.take(0.0, 9.0));
+        assert!((times.deviation() - 0.015).abs() < 0.001, "what says nothing changes nothing: {}", times.deviation());
     }
 }

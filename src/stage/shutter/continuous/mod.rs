@@ -27,7 +27,7 @@ use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMoti
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
 use filter::{Filter, MOST_POINTS, Prior};
-use globals::Globals;
+use globals::{Globals, Unevenness};
 use hypothesis::Sight;
 use slope::Slope;
 
@@ -41,8 +41,9 @@ const READOUT_SPREAD: f64 = 0.25;
 /// Horizontal field of view that is expected likewise, and its standard deviation (degrees).
 const USUAL_HFOV_DEG: f64 = 60.0;
 const HFOV_SPREAD_DEG: f64 = 12.0;
-/// Longest readout time that is believed (frame intervals), and fields of view (degrees).
-const LONGEST_READOUT: f64 = 1.0;
+/// Longest readout time that is looked for (frame intervals): one that fills the interval is found with its error, and what ends here was
+/// not found.
+pub const LONGEST_READOUT: f64 = 1.1;
 /// Standard deviations up to which the first look at the readout time is taken at its word; what is added to one, and a share of
 /// the value (frame intervals). It is rough: on rendered clips of any shake it is 1.0 to 1.4 times the truth.
 const LOOK_DEVIATIONS: f64 = 2.0;
@@ -97,6 +98,8 @@ pub struct Continuous {
     /// Time of the newest frame's first row since the stream began, seconds.
     now_s: f64,
     interval_s: f64,
+    /// Whether the interval is known, and then the part of it by which the stamps say otherwise.
+    timed: Option<f64>,
     sights: Vec<Sight>,
     batch: Batch,
     /// Information of each track's place, 1 / pixels^2.
@@ -109,6 +112,7 @@ pub struct Continuous {
     /// Whether readout time and focal length are to be found out.
     unknown: [bool; 2],
     globals: Globals,
+    unevenness: Unevenness,
     agreement: Agreement,
     slope: Slope,
     /// Whether the path is to begin anew: its rows were timed by a readout that was far off.
@@ -129,6 +133,7 @@ impl Continuous {
             filter: Filter::new(1.0 / 120.0, PRIOR),
             now_s: 0.0,
             interval_s: 0.0,
+            timed: None,
             sights: Vec::with_capacity(MOST_TRACKS),
             batch: Batch::new(MOST_TRACKS),
             information: Vec::with_capacity(MOST_TRACKS),
@@ -138,6 +143,7 @@ impl Continuous {
             random: seed,
             unknown: [false; 2],
             globals: Globals::default(),
+            unevenness: Unevenness::default(),
             agreement: Agreement::default(),
             slope: Slope::default(),
             anew: false,
@@ -162,6 +168,7 @@ impl Continuous {
         self.interval_s = 0.0;
         self.scale_px = LEAST_SCALE_PX;
         self.common = COMMON_SIGMA_PX[0].powi(2);
+        self.unevenness = Unevenness::default();
         self.agreement = Agreement::default();
         self.slope = Slope::default();
         self.anew = false;
@@ -209,6 +216,7 @@ impl Continuous {
             self.expect(pair.interval_s);
         }
         self.interval_s = pair.interval_s;
+        self.timed = pair.is_certain.then_some(pair.off_s / pair.interval_s);
         let last_s = self.now_s + self.calibration.readout_s.abs();
         if restarted || !self.filter.extend_to(last_s) {
             let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
@@ -307,7 +315,8 @@ impl Continuous {
 
     /// Takes over what the last pair said of the camera, and starts from there.
     fn follow_camera(&mut self) {
-        if self.unknown == [false; 2] {
+        // where the time is not known nothing was asked, and no limit counts that hangs on it
+        if self.unknown == [false; 2] || self.timed.is_none() {
             return;
         }
         let marginal = self.filter.marginal();
@@ -316,13 +325,13 @@ impl Continuous {
         let width = self.size[0] as f64;
         let focal = |hfov_deg: f64| 0.5 * width / (0.5 * hfov_deg.to_radians()).tan();
         // never outside of what cameras are and of what the first look says, and never far at once
-        let most = LONGEST_READOUT * self.interval_s;
+        let interval_s = self.interval_s;
         let [least_s, most_s] = self.first_look();
-        if self.unknown[0] && (readout_s < least_s - FAR * most || readout_s > most_s + FAR * most) {
+        if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
             return self.look_anew(0.5 * (least_s + most_s));
         }
-        let readout = readout.clamp(-0.05 * most, 0.05 * most);
-        let to_readout_s = (readout_s + readout).clamp(least_s, most_s);
+        let step = readout.clamp(-0.05 * interval_s, 0.05 * interval_s);
+        let to_readout_s = (readout_s + step).clamp(least_s, most_s);
         let to_focal = (self.camera.focal * log_focal.clamp(-0.05, 0.05).exp())
             .clamp(focal(HFOV_LIMITS_DEG[1]), focal(HFOV_LIMITS_DEG[0]));
         let shift = [
@@ -334,12 +343,14 @@ impl Continuous {
         self.calibration.hfov_deg = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
         self.filter.move_globals(shift);
         self.globals.moved(shift, &marginal);
+        // as uncertain as what is on its way, or held back by a limit, is far from where the tracks would have it
         let deviations = self.globals.deviations();
+        let by_times = self.calibration.readout_s * self.unevenness.deviation();
         if self.unknown[0] {
-            self.calibration.readout_deviation_s = deviations[0];
+            self.calibration.readout_deviation_s = deviations[0].hypot(by_times).hypot(readout - shift[0]);
         }
         if self.unknown[1] {
-            self.calibration.hfov_deviation_deg = deviations[1] * self.degrees_per_log_focal();
+            self.calibration.hfov_deviation_deg = deviations[1].hypot(log_focal - shift[1]) * self.degrees_per_log_focal();
         }
     }
 
@@ -393,7 +404,8 @@ impl Continuous {
         self.filter.add_globals(corner, right);
     }
 
-    /// Weighs the tracks and solves for the path. Gives the confidence.
+    /// Weighs the tracks and solves for the path. Gives the confidence. What a pair whose time is not known says of the camera is not
+    /// asked.
     fn estimate(&mut self, tracks: &mut [crate::frame::Track], before_s: f64) -> f64 {
         let count = tracks.len().min(MOST_TRACKS);
         let tracks = &mut tracks[..count];
@@ -431,12 +443,17 @@ impl Continuous {
             ((u128::from(*random) * below as u128) >> 64) as usize
         });
         let least = LOOK_LEAST_PX / self.camera.focal;
-        self.slope.take([turn[0], turn[3], turn[6], turn[7]], [turn[1], turn[4], 0.0, 0.0], self.interval_s, least);
+        match self.timed.is_some() {
+            true => self.slope.take([turn[0], turn[3], turn[6], turn[7]], [turn[1], turn[4], 0.0, 0.0], self.interval_s, least),
+            false => self.slope.interrupt(),
+        }
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
-        // a picture that hardly moves says nothing of the camera, but its noise would
+        // a picture that hardly moves says nothing of the camera, but its noise would; nor does one whose speed is not known
         let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
-        let share = if self.unknown == [false; 2] { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
+        let share =
+            if self.unknown == [false; 2] || self.timed.is_none() { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
+        self.unevenness.take(share, self.timed.unwrap_or(0.0));
         for (information, sight) in self.information.iter_mut().zip(&self.sights) {
             *information *= sight.say.min(2.0);
         }
