@@ -285,7 +285,7 @@ impl Life<'_> {
 
     /// Streams until something ends it.
     fn stream(&mut self) -> Ended {
-        let mut camera = match self.open_camera() {
+        let camera = match self.open_camera() {
             Ok(camera) => camera,
             Err(ended) => return ended,
         };
@@ -309,17 +309,20 @@ impl Life<'_> {
                 Err(error) => return self.judge_screen(error),
             },
         };
-        let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
-        let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
-        tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
-        let what = format!("{from} ({mode}) to {to}");
+        let what = told_stream(&camera, screen);
         self.pulse.doing(what.clone(), State::Streaming);
+        self.carry(camera, what)
+    }
+
+    /// Carries the camera's frames to the screen, which is open.
+    fn carry(&mut self, mut camera: Capture, what: String) -> Ended {
+        let Some(screen) = &mut self.screen else { return Ended::Unwanted };
         let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
         let params = Params { camera: known, ..self.desk.live.params() };
         self.desk.tally.camera(camera_now(&camera));
         let mut observer = self.pulse;
         let audience = self.settings.output.on_demand.then(|| screen.audience.seats().clone());
-        let (name, next_best) = (camera.name_and_bus(), camera.next_best());
+        let (name, pixel, next_best) = (camera.name_and_bus(), camera.format().pixel, camera.next_best());
         self.recovery.begin(monotonic_ns(), next_best.is_some(), self.formats_left.any(&name));
         let mut attended = Attended {
             camera: &mut camera,
@@ -337,10 +340,13 @@ impl Life<'_> {
         self.desk.tally.no_camera();
         self.memory.end(&self.pulse.take_calibration());
         drop(camera);
+        if self.recovery.works() {
+            self.formats_left.forget(&name.0, &name.1, pixel);
+        }
         match ran {
             Ok(totals) => {
                 tracing::info!("the stream ended: {}", in_words(&totals));
-                self.choose_format(step, &name, format.pixel, next_best);
+                self.choose_format(step, &name, pixel, next_best);
                 Ended::Unwanted
             }
             Err(error) if failed => {
@@ -353,9 +359,6 @@ impl Life<'_> {
 
     /// After a stream of the camera of this `name` in the format `pixel` ended for `step`: which formats the next one may have.
     fn choose_format(&mut self, step: Step, name: &(String, String), pixel: PixelFormat, next_best: Option<PixelFormat>) {
-        if self.recovery.works() {
-            self.formats_left.forget(&name.0, &name.1, pixel);
-        }
         let why = || {
             let (frames, reasons) = self.pulse.stream();
             reasons.in_words(frames).unwrap_or_else(|| "no frame came".into())
@@ -377,6 +380,15 @@ impl Life<'_> {
         self.desk.tally.formats_left(self.formats_left.told());
     }
 
+    /// The camera was not opened. Where it was to be opened with a format in place of another, it is opened with that one again.
+    fn not_opened(&mut self, error: DeviceError) -> Ended {
+        if matches!(error, DeviceError::Unsupported { .. }) && self.formats_left.try_all_again() {
+            tracing::warn!("all formats are tried again: {error}");
+            self.recovery.goes_round();
+        }
+        self.judge(error)
+    }
+
     /// Opens the camera, which may take its time; those who watch get their pictures meanwhile.
     fn open_camera(&mut self) -> Result<Capture, Ended> {
         let params = self.camera_params().map_err(Ended::CameraWaits)?;
@@ -394,7 +406,7 @@ impl Life<'_> {
                 }
                 self.show()?;
                 match opened.recv_timeout(SHOW_EVERY) {
-                    Ok(camera) => return camera.map_err(|error| self.judge(error)),
+                    Ok(camera) => return camera.map_err(|error| self.not_opened(error)),
                     Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => {
                         let error = std::io::ErrorKind::Other.into();
@@ -499,6 +511,15 @@ impl Life<'_> {
             }
         }
     }
+}
+
+/// Says what is streamed where.
+fn told_stream(camera: &Capture, screen: &Screen) -> String {
+    let format = camera.format();
+    let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
+    let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
+    tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
+    format!("{from} ({mode}) to {to}")
 }
 
 /// A camera as the status tells it.

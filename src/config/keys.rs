@@ -95,7 +95,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "camera.format",
         unit: "",
-        doc: "Pixel format asked of the camera; \"auto\" takes the one that costs least at the wanted size and rate.",
+        doc: "Pixel format asked of the camera; \"auto\" takes the cheapest to read at the wanted size and rate, and the next where its frames are unusable.",
         live: false,
         kind: choice!(camera.format,
             "auto" => None,

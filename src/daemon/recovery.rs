@@ -102,6 +102,11 @@ impl Recovery {
         self.other_format(now_ns, frames)
     }
 
+    /// Everything was tried: the next round takes longer.
+    pub(super) fn goes_round(&mut self) {
+        self.pause_ns = self.pause_ns.saturating_mul(2).min(PAUSE_NS.1);
+    }
+
     fn mark(&mut self, now_ns: i64, frames: u64) {
         (self.since_ns, self.frames) = (now_ns, frames);
     }
@@ -112,7 +117,7 @@ impl Recovery {
         if self.next {
             return Step::NextFormat;
         }
-        self.pause_ns = self.pause_ns.saturating_mul(2).min(PAUSE_NS.1);
+        self.goes_round();
         if self.left { Step::FirstFormat } else { Step::Restart }
     }
 }
@@ -143,6 +148,13 @@ impl FormatsLeft {
     /// All formats of this camera may be tried again.
     pub(super) fn try_again(&mut self, (card, bus): &(String, String)) {
         self.0.iter_mut().filter(|left| left.format.is_of(card, bus)).for_each(|left| left.avoided = false);
+    }
+
+    /// All formats of every camera may be tried again; whether any was avoided.
+    pub(super) fn try_all_again(&mut self) -> bool {
+        let any = self.0.iter().any(|left| left.avoided);
+        self.0.iter_mut().for_each(|left| left.avoided = false);
+        any
     }
 
     /// `pixel` of this camera works after all.
@@ -277,6 +289,8 @@ mod tests {
         assert!(left.any(&one));
         left.try_again(&one);
         assert_eq!((left.any(&one), left.avoided().len(), left.told().len()), (false, 0, 2), "tried, and not forgotten");
+        left.leave(&one, PixelFormat::Nv12, "empty".into());
+        assert!(left.try_all_again() && !left.try_all_again() && !left.any(&one));
         left.forget(&one.0, &one.1, PixelFormat::Mjpeg);
         assert_eq!(left.told()[0].what, "empty");
         for n in 0..100 {

@@ -1,5 +1,6 @@
 """Cameras whose frames cannot be used, or that give none: it is said why, the camera is helped as far as that goes, and what is counted
 is what happened."""
+import os
 import subprocess
 
 from rig import now
@@ -113,7 +114,7 @@ def some_damaged(scene):
 def failed_transfer(scene):
     """One transfer fails: it is counted as that, and the stream's count and clock go on."""
     scene.note(scene.start_camera())
-    scene.check("it offers a picture", scene.start_daemon())
+    scene.check("it offers a picture", scene.start_daemon("camera.width=640", "camera.height=480"))
     scene.open_reader()
     scene.live_within(15)
     scene.watch(3)
@@ -165,6 +166,35 @@ def with_the_quirk(scene):
         set_to(parameter, before)
 
 
+def another_mode_than_asked(scene):
+    """JPEG that is none, of a camera that answers JPEG whatever is asked: the format that is refused is not asked for for ever."""
+    scene.note(scene.start_camera("nojpeg=1", "probe_fixed=1:2"))
+    scene.check("it offers a picture", scene.start_daemon("camera.format=auto"))
+    scene.open_reader()
+    placeholder(scene, 12)
+    said(scene, "all formats are tried again: ")
+    scene.webcam("set", "nojpeg=0")
+    scene.live_within(15)
+    scene.check("MJPG is used", (scene.status().get("camera") or {}).get("format") == "MJPG")
+
+
+def recorded_and_calibrated(scene):
+    """record keeps what the camera gives and warns; calibrate blames the frames."""
+    node, file = scene.start_camera("nojpeg=1"), "/tmp/gimbald-unusable.gbr"
+    mode = ["--set", "camera.format=mjpeg", "--set", "camera.width=640", "--set", "camera.height=480"]
+
+    def run(*words):
+        return subprocess.run([scene.stage.program, *words], capture_output=True, text=True)
+
+    done = run("record", "--device", node, "--output", file, "--seconds", "3", *mode)
+    scene.check(f"record warns: {done.stderr}", done.returncode == 0 and "of those that were tried" in done.stderr and "cannot be decoded" in done.stderr)
+    done = run("check", file)
+    scene.check(f"check says it of all: {done.stdout} {done.stderr}", done.returncode == 65 and "frames cannot be decoded" in done.stdout)
+    done = run("calibrate", node, "--seconds", "3", *mode)
+    scene.check(f"calibrate blames the frames: {done.stderr}", done.returncode == 69 and "cannot be decoded" in done.stderr and "motion" not in done.stderr)
+    os.unlink(file)
+
+
 def set_to(path, text):
     with open(path, "w") as file:
         file.write(text)
@@ -174,6 +204,8 @@ CASES = [
     Case("no-jpeg-under-auto", under_auto, core=True),
     Case("no-jpeg-as-configured", as_configured, core=True),
     Case("no-format-works", by_all_formats),
+    Case("no-jpeg-and-no-other-mode", another_mode_than_asked),
+    Case("no-jpeg-recorded", recorded_and_calibrated),
     Case("some-frames-cut", some_damaged),
     Case("one-failed-transfer", failed_transfer, core=True),
     Case("one-frame-for-each-start", one_frame_for_each_start),
