@@ -9,6 +9,9 @@ use super::{Fault, Faults, Key, Origin, Settings, keys};
 /// Longest piece of somebody's input that a message repeats, characters.
 const SHOWN: usize = 60;
 
+/// Longest reason of the TOML parser that a message repeats, characters.
+const LONGEST_REASON: usize = 300;
+
 /// Takes what the file `file` with content `text` says into `settings`, and what is wrong with it into `faults`, by line. Takes a time
 /// that grows with the text's length and no faster.
 pub(super) fn file(file: &str, text: &str, settings: &mut Settings, faults: &mut Faults) {
@@ -125,7 +128,7 @@ impl Problem<'_> {
         let (setting, what, advice) = match self {
             Self::Syntax(message) => (
                 String::new(),
-                format!("not valid TOML: {}", shortened(&message.replace('\n', ", "))),
+                format!("not valid TOML: {}", cut(&message.replace('\n', ", "), LONGEST_REASON)),
                 "write settings as KEY = VALUE under their [section], text in quotes".to_owned(),
             ),
             Self::NoAssignment(argument) => (
@@ -173,8 +176,14 @@ fn described(value: &Written) -> String {
 
 /// `text` on one line, cut where it is long.
 fn shortened(text: &str) -> String {
-    let mut short: String = text.chars().take(SHOWN).map(|c| if c.is_control() { ' ' } else { c }).collect();
-    if short.len() < text.len() && text.chars().nth(SHOWN).is_some() {
+    cut(text, SHOWN)
+}
+
+/// `text` on one line, `most` characters of it at most.
+fn cut(text: &str, most: usize) -> String {
+    let mut characters = text.chars().map(|c| if c.is_control() { ' ' } else { c });
+    let mut short: String = characters.by_ref().take(most).collect();
+    if characters.next().is_some() {
         short.push_str("...");
     }
     short

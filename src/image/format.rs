@@ -102,7 +102,7 @@ impl PixelFormat {
         let luma = stride.checked_mul(rows)?;
         match self {
             Self::Yuyv | Self::Uyvy | Self::Grey | Self::Rgb24 | Self::Bgr24 => Some(luma),
-            Self::Nv12 => luma.checked_add(stride.next_multiple_of(2).checked_mul(rows.div_ceil(2))?),
+            Self::Nv12 => luma.checked_add(stride.checked_next_multiple_of(2)?.checked_mul(rows.div_ceil(2))?),
             Self::I420 => luma.checked_add(stride.div_ceil(2).checked_mul(rows.div_ceil(2))?.checked_mul(2)?),
             Self::I422 => luma.checked_add(stride.div_ceil(2).checked_mul(rows)?.checked_mul(2)?),
             Self::I444 => luma.checked_mul(3),

@@ -28,7 +28,7 @@ impl RawLayout {
         let first = RawPlane { offset: 0, width: format.tight_stride(width as u32), height: rows, stride };
         let half = stride.div_ceil(2);
         let (second, third) = match format {
-            PixelFormat::Nv12 => ((width.div_ceil(2) * 2, rows.div_ceil(2), stride.next_multiple_of(2)), (0, 0, 0)),
+            PixelFormat::Nv12 => ((width.div_ceil(2) * 2, rows.div_ceil(2), stride.checked_next_multiple_of(2)?), (0, 0, 0)),
             PixelFormat::I420 => ((width.div_ceil(2), rows.div_ceil(2), half), (width.div_ceil(2), rows.div_ceil(2), half)),
             PixelFormat::I422 => ((width.div_ceil(2), rows, half), (width.div_ceil(2), rows, half)),
             PixelFormat::I444 => ((width, rows, stride), (width, rows, stride)),
@@ -105,5 +105,10 @@ mod tests {
         assert!(RawLayout::new(PixelFormat::Yuyv, 8, 2, 15).is_none(), "rows longer than the stride");
         assert!(RawLayout::new(PixelFormat::I444, 8, u32::MAX, usize::MAX / 2).is_none(), "overflow");
         assert!(RawLayout::new(PixelFormat::Mjpeg, 8, 8, 0).is_none());
+        for (format, height) in PixelFormat::ALL.into_iter().flat_map(|format| [0, 1, u32::MAX].map(|height| (format, height)))
+        {
+            let layout = RawLayout::new(format, 8, height, usize::MAX);
+            assert_eq!(layout.is_some(), format.frame_bytes(height, usize::MAX).is_some(), "{format} {height}");
+        }
     }
 }
