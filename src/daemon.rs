@@ -26,6 +26,9 @@ use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 use attended::{Attended, Notes};
 use cameras::Cameras;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub use memory::fuzz as fuzz_memory;
 use memory::{Memory, Mode};
 use pulse::{Pulse, attend};
 use recovery::{FormatsLeft, Recovery, Step};

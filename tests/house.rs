@@ -167,7 +167,7 @@ fn the_house_stands() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut all = Vec::new();
     let mut seen = 0;
-    for directory in ["src", "tests", "benches", "examples"] {
+    for directory in ["src", "tests", "benches", "examples", "fuzz/src"] {
         let directory = root.join(directory);
         if !directory.is_dir() {
             continue;

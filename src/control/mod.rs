@@ -59,3 +59,10 @@ pub use server::Server;
 pub use socket::{Place, default_paths};
 pub use status::{CameraNow, Drops, FormatLeft, Found, Frames, OutputNow, Spread, Status, Unusable};
 pub use tally::{Lost, State, Tally};
+
+/// Does what a client asks, and gives its reply. A door for the fuzz targets alone.
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub fn fuzz_reply(request: &Request, desk: &Desk) -> Reply {
+    answer::answer(request, desk, "the fuzzer")
+}

@@ -303,6 +303,29 @@ fn text_of(entries: &[Entry]) -> Result<String, Unusable> {
     text.map(|text| HEAD.to_owned() + &text).map_err(|error| Unusable::Refused(format!("cannot be written as TOML: {error}")))
 }
 
+/// Reads a state file's text, does with what it says all that a daemon does, and checks that what is then written is read as the same.
+/// A door for the fuzz targets alone.
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub fn fuzz(text: &str) {
+    let Ok(entries) = entries_of(Some(text.to_owned())) else { return };
+    let state = State { entries: Vec::new(), current: None, since: Instant::now(), failed: false };
+    let memory = Memory { file: None, state: Mutex::new(state) };
+    memory.state().entries = entries.iter().cloned().map(Held::as_read).collect();
+    let (readout, hfov) = ((-0.0251, 8e-5), (61.2, 0.1));
+    for entry in &entries {
+        let _ = (memory.latest(), memory.begin(entry.mode.clone(), Camera::default()));
+        let found =
+            Calibration { readout_s: readout.0, readout_deviation_s: readout.1, hfov_deg: hfov.0, hfov_deviation_deg: hfov.1 };
+        memory.end(&found);
+    }
+    let merged = merge(entries, &memory.state().entries);
+    assert!(merged.len() <= MOST_CAMERAS);
+    let written = text_of(&merged).expect("what was read can be written");
+    let read = entries_of(Some(written)).expect("what was written can be read");
+    assert_eq!(format!("{read:?}"), format!("{merged:?}"));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
