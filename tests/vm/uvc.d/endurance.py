@@ -166,7 +166,7 @@ def main():
     p.add_argument("--pictures", default="")
     p.add_argument("seconds", nargs="?", type=float, default=600.0)
     p.add_argument("seed", nargs="?", type=int, default=1)
-    options = p.parse_args()
+    options = p.parse_intermixed_args()
     report = Report()
     scene = Scene(Stage(os.path.abspath(options.program), loopback(), SIZE, options.pictures))
     scene.start_camera()
