@@ -81,6 +81,10 @@ pub(super) struct Notes {
     /// Why no frame can be used any more, in words.
     none_usable: Option<String>,
     none: Rarely,
+    /// Cut frames before this stream, and those of it that were logged.
+    cut: Option<u64>,
+    cut_logged: u64,
+    cuts: Rarely,
     restarts: Rarely,
 }
 
@@ -96,6 +100,7 @@ impl Attended<'_> {
         self.notes.looked_ns = now_ns;
         let (frames, unusable) = self.pulse.stream_counts();
         self.watch_silence(now_ns, frames);
+        self.watch_cuts(now_ns, frames);
         self.say(now_ns, frames, unusable);
         self.recovery.look(now_ns, frames, unusable)
     }
@@ -119,6 +124,16 @@ impl Attended<'_> {
         let silent = now_ns.saturating_sub(notes.frames_ns) >= SILENT_NS;
         if std::mem::replace(&mut notes.silent, silent) != silent {
             self.tell();
+        }
+    }
+
+    /// Logs frames of which a part is shown, rarely.
+    fn watch_cuts(&mut self, now_ns: i64, frames: u64) {
+        let (notes, all) = (&mut self.notes, self.pulse.cut());
+        let cut = all - *notes.cut.get_or_insert(all);
+        if cut > notes.cut_logged && notes.cuts.is_due(now_ns) {
+            notes.cut_logged = cut;
+            tracing::warn!("{cut} of {frames} frames are cut off; in place of what is missing the picture before is shown");
         }
     }
 

@@ -116,6 +116,11 @@ impl<'a> Pulse<'a> {
         self.desk.tally.lost(now, told);
     }
 
+    /// Frames of which a part was shown, in all streams.
+    pub(super) fn cut(&self) -> u64 {
+        self.desk.live.counts().cut
+    }
+
     /// Frames of the present stream, and how many of them could not be used.
     pub(super) fn stream_counts(&self) -> (u64, u64) {
         self.desk.live.stream_counts()
