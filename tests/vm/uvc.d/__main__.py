@@ -15,29 +15,29 @@ sys.path.insert(1, os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
 
 from cases import CASES
 from rig import loopback, now
-from scene import Scene, Stage
+from bench import Bench, Shared
 
 
-def play(case, stage):
-    """Plays one case and tells of it; whether it passed."""
-    scene, began = Scene(stage), now()
+def run(case, shared):
+    """Runs one case and tells of it; whether it passed."""
+    bench, began = Bench(shared), now()
     try:
-        case.play(scene)
+        case.run(bench)
     except Exception as error:  # one case does not end the others
-        scene.failed.append(f"{type(error).__name__}: {error}")
-    if scene.daemon and scene.daemon.alive():
-        scene.status()
-    sent = scene.end()
-    passed = not scene.failed
-    print(f"{'PASS' if passed else 'FAIL'} {case.name} ({now() - began:.0f} s)" + (": not so: " + "; ".join(scene.failed) if scene.failed else ""))
-    for note in scene.notes:
+        bench.failed.append(f"{type(error).__name__}: {error}")
+    if bench.daemon and bench.daemon.alive():
+        bench.status()
+    sent = bench.end()
+    passed = not bench.failed
+    print(f"{'PASS' if passed else 'FAIL'} {case.name} ({now() - began:.0f} s)" + (": not so: " + "; ".join(bench.failed) if bench.failed else ""))
+    for note in bench.notes:
         print(f"     {note}")
     for name, stats in sent.items():
         shown = {key: value for key, value in stats.items() if key not in ("controls", "plugged", "port", "knobs", "opened")}
         print(f"     {name}: {json.dumps(shown)}")
     kept = ("state", "what", "fps", "frames", "drops", "said")
-    print(f"     gimbald: {json.dumps({key: scene.last_status[key] for key in kept if key in scene.last_status})}")
-    for line in scene.said().splitlines()[-6 if passed else -40:]:
+    print(f"     gimbald: {json.dumps({key: bench.last_status[key] for key in kept if key in bench.last_status})}")
+    for line in bench.said().splitlines()[-6 if passed else -40:]:
         print(f"     | {line[:300]}")
     sys.stdout.flush()
     return passed
@@ -46,7 +46,7 @@ def play(case, stage):
 def main():
     p = argparse.ArgumentParser(prog="uvc", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("program")
-    p.add_argument("--core", action="store_true", help="the few that continuous integration plays")
+    p.add_argument("--core", action="store_true", help="the few that continuous integration runs")
     p.add_argument("--only", default="", help="these cases")
     p.add_argument("--size", default="1280x720", help="what gimbald is told to ask the camera for, where the case says nothing")
     p.add_argument("--pictures", default="", help="a folder with the camera's pictures (see webcam/__main__.py)")
@@ -62,8 +62,8 @@ def main():
         print("\n".join(case.name for case in chosen))
         return 0
     size = tuple(int(number) for number in options.size.split("x"))
-    stage = Stage(os.path.abspath(options.program), loopback(), size, options.pictures)
-    failed = [case.name for case in chosen if not play(case, stage)]
+    shared = Shared(os.path.abspath(options.program), loopback(), size, options.pictures)
+    failed = [case.name for case in chosen if not run(case, shared)]
     print(f"{len(chosen)} cases, {len(failed)} failed{': ' + ', '.join(failed) if failed else ''}")
     return 1 if failed else 0
 

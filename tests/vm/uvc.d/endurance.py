@@ -15,7 +15,7 @@ from dataclasses import dataclass
 sys.path.insert(1, os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
 
 from rig import Report, loopback, now
-from scene import Scene, Stage, camera_nodes, link
+from bench import Bench, Shared, camera_nodes, link
 
 SIZE, FPS = (1920, 1080), 30
 PERIOD = 10.0
@@ -27,38 +27,38 @@ KEPT = ("plugs", "starts", "frames", "corrupted", "cut", "emptied", "error_bits"
 
 def knob(setting, undo=None, low=0.5, high=3.0):
     """A fault that a knob makes for a while."""
-    def fault(scene, chance):
-        scene.webcam("set", *setting.split())
-        scene.watch(chance.uniform(low, high))
+    def fault(bench, chance):
+        bench.webcam("set", *setting.split())
+        bench.watch(chance.uniform(low, high))
         if undo:
-            scene.webcam("set", *undo.split())
+            bench.webcam("set", *undo.split())
     fault.__name__ = setting
     return fault
 
 
-def unplugged(scene, chance):
-    scene.webcam("unplug")
-    scene.watch(chance.uniform(0.1, 3))
-    scene.webcam("plug")
+def unplugged(bench, chance):
+    bench.webcam("unplug")
+    bench.watch(chance.uniform(0.1, 3))
+    bench.webcam("plug")
 
 
-def replugged_at_once(scene, _):
-    scene.webcam("unplug")
-    scene.webcam("plug")
+def replugged_at_once(bench, _):
+    bench.webcam("unplug")
+    bench.webcam("plug")
 
 
-def held(scene, chance):
+def held(bench, chance):
     """Another process holds the old node: the camera comes back under another number."""
     old = os.open(camera_nodes()[0], os.O_RDWR)
-    unplugged(scene, chance)
-    scene.watch(chance.uniform(0.5, 2))
+    unplugged(bench, chance)
+    bench.watch(chance.uniform(0.5, 2))
     os.close(old)
 
 
-def refused(scene, chance):
+def refused(bench, chance):
     """It comes back and refuses to start at first."""
-    scene.webcam("set", f"{chance.choice(['stall_probe', 'stall_commit', 'stall_alt'])}={chance.randint(1, 2)}")
-    replugged_at_once(scene, chance)
+    bench.webcam("set", f"{chance.choice(['stall_probe', 'stall_commit', 'stall_alt'])}={chance.randint(1, 2)}")
+    replugged_at_once(bench, chance)
 
 
 FAULTS = [
@@ -78,8 +78,8 @@ class Counts:
     gimbald: dict
 
     @classmethod
-    def take(cls, scene):
-        stats, status = scene.stats(), scene.status()
+    def take(cls, bench):
+        stats, status = bench.stats(), bench.status()
         drops = {f"drops.{key}": count for key, count in status.get("drops", {}).items()}
         return cls({key: stats.get(key, 0) for key in KEPT}, {**status.get("frames", {}), **drops})
 
@@ -97,17 +97,17 @@ class Counts:
 class Endurance:
     """The run and its books."""
 
-    def __init__(self, scene, report, seed):
-        self.scene, self.report, self.chance = scene, report, random.Random(seed)
+    def __init__(self, bench, report, seed):
+        self.bench, self.report, self.chance = bench, report, random.Random(seed)
         self.calm = dict(seconds=0.0, exposed=0, live=0, lost=0, counted=0)
         self.faults, self.worst = {}, {}
         self.marks = []
 
     def quiet(self, seconds):
         """Nothing is wrong: every frame has to come."""
-        before = Counts.take(self.scene)
-        seen = self.scene.watch(seconds)
-        counted = Counts.take(self.scene).since(before)
+        before = Counts.take(self.bench)
+        seen = self.bench.watch(seconds)
+        counted = Counts.take(self.bench).since(before)
         exposed = counted.camera.get("frames", 0)
         drops = sum(count for key, count in counted.gimbald.items() if key.startswith("drops.") and key != "drops.restarts")
         lost = max(0, exposed - seen.live - drops - UNDER_WAY)
@@ -119,20 +119,20 @@ class Endurance:
     def fault(self):
         """One fault, until the picture is live again."""
         fault = self.chance.choice(FAULTS)
-        before, began = Counts.take(self.scene), now()
-        fault(self.scene, self.chance)
+        before, began = Counts.take(self.bench), now()
+        fault(self.bench, self.chance)
         over = now()
-        back = self.scene.watch(RECOVERY, until_live=True)
+        back = self.bench.watch(RECOVERY, until_live=True)
         took, name = now() - over, fault.__name__
-        self.report.say(f"      {name}: lasted {over - began:.1f} s, live {took:.2f} s later; {Counts.take(self.scene).since(before)}")
+        self.report.say(f"      {name}: lasted {over - began:.1f} s, live {took:.2f} s later; {Counts.take(self.bench).since(before)}")
         if back.live < 2:
             self.report.check(f"live within {RECOVERY:.0f} s after {name}", False)
         self.faults[name] = self.faults.get(name, 0) + 1
         self.worst[name] = max(self.worst.get(name, 0), took)
-        self.scene.watch(SETTLED)
+        self.bench.watch(SETTLED)
 
     def mark(self):
-        daemon = self.scene.daemon
+        daemon = self.bench.daemon
         self.marks.append((daemon.memory(), daemon.descriptors()))
 
     def run(self, seconds, with_faults):
@@ -144,7 +144,7 @@ class Endurance:
             self.mark()
             if len(self.marks) % 30 == 1:
                 self.report.say(f"{end - now():.0f} s to go: {self.marks[-1][0]:.1f} MiB, {self.marks[-1][1]} descriptors")
-            if not self.scene.daemon.alive():
+            if not self.bench.daemon.alive():
                 self.report.check("the daemon lives", False)
                 return
 
@@ -174,24 +174,24 @@ def main():
     p.add_argument("seed", nargs="?", type=int, default=1)
     options = p.parse_intermixed_args()
     report = Report()
-    scene = Scene(Stage(os.path.abspath(options.program), loopback(), SIZE, options.pictures))
-    scene.start_camera()
+    bench = Bench(Shared(os.path.abspath(options.program), loopback(), SIZE, options.pictures))
+    bench.start_camera()
     device = link("by-id", camera_nodes()[0])
     report.say(f"{options.seconds:.0f} s, seed {options.seed}, {device} at {SIZE[0]}x{SIZE[1]}, {FPS} a second")
-    report.check("it offers a picture", scene.start_daemon(f"camera.fps={FPS}", device=device))
-    scene.open_reader()
-    report.check("the picture is live", scene.watch(15, until_live=True).live > 1)
-    scene.watch(3)
-    endurance = Endurance(scene, report, options.seed)
-    cpu, began = scene.daemon.cpu(), now()
+    report.check("it offers a picture", bench.start_daemon(f"camera.fps={FPS}", device=device))
+    bench.open_reader()
+    report.check("the picture is live", bench.watch(15, until_live=True).live > 1)
+    bench.watch(3)
+    endurance = Endurance(bench, report, options.seed)
+    cpu, began = bench.daemon.cpu(), now()
     endurance.run(options.seconds, with_faults=options.seed != 0)
-    share = 100 * (scene.daemon.cpu() - cpu) / (now() - began)
+    share = 100 * (bench.daemon.cpu() - cpu) / (now() - began)
     endurance.tell()
     report.say(f"      {share:.1f} % of a core")
-    log = scene.said().splitlines()
+    log = bench.said().splitlines()
     report.say(f"      {len(log)} lines of log")
-    sent = scene.end()
-    report.check(f"it ends well {scene.failed}", not scene.failed)
+    sent = bench.end()
+    report.check(f"it ends well {bench.failed}", not bench.failed)
     report.say(f"      camera: {sent}")
     for line in [line for line in log if "camera closed" in line or "stream ended" in line][-6:] + (log[-60:] if report.failed else []):
         print("     |", line[:300])

@@ -1,7 +1,7 @@
 """Cameras with a fault: from the start, or for a while. The picture has to be live again afterwards, and the daemon to live."""
 from dataclasses import dataclass
 
-from scene import Case
+from bench import Case
 
 
 @dataclass
@@ -26,33 +26,33 @@ class Fault:
     missing: float = 1.0
     opens: bool = True
 
-    def play(self, scene):
-        scene.note(scene.start_camera(*self.start, *self.options))
-        if not scene.start_daemon(*self.sets):
-            scene.check("it offers a picture", not self.opens)
+    def run(self, bench):
+        bench.note(bench.start_camera(*self.start, *self.options))
+        if not bench.start_daemon(*self.sets):
+            bench.check("it offers a picture", not self.opens)
             return
-        scene.open_reader()
-        scene.live_within(15)
-        nominal = (scene.status().get("camera") or {}).get("fps") or 30
-        scene.note(f"before {scene.watch(2)}")
+        bench.open_reader()
+        bench.live_within(15)
+        nominal = (bench.status().get("camera") or {}).get("fps") or 30
+        bench.note(f"before {bench.watch(2)}")
         if self.fault:
-            scene.webcam("set", *self.fault)
+            bench.webcam("set", *self.fault)
         if self.act:
-            self.act(scene)
-        during = scene.watch(self.seconds)
+            self.act(bench)
+        during = bench.watch(self.seconds)
         if self.undo:
-            scene.webcam("set", *self.undo)
+            bench.webcam("set", *self.undo)
         if self.fault or self.act:
-            scene.live_within(self.recovers)
-        after = scene.watch(3)
-        scene.note(f"during {during}")
-        scene.note(f"after  {after}")
+            bench.live_within(self.recovers)
+        after = bench.watch(3)
+        bench.note(f"during {during}")
+        bench.note(f"after  {after}")
         for what, seen, least in ("during", during, self.during), ("after", after, self.after):
-            scene.check(f"{what}: {least * nominal:.1f} live fps at least, not {seen.rate:.1f}", seen.rate >= least * nominal)
-        status = scene.status()
+            bench.check(f"{what}: {least * nominal:.1f} live fps at least, not {seen.rate:.1f}", seen.rate >= least * nominal)
+        status = bench.status()
         came, missing = status.get("frames", {}).get("captured", 0), status.get("drops", {}).get("camera_missing", 0)
-        scene.check(f"{missing} frames missing beside {came} that came", missing <= self.missing * max(1, came))
-        scene.check("the daemon lives", scene.daemon.alive())
+        bench.check(f"{missing} frames missing beside {came} that came", missing <= self.missing * max(1, came))
+        bench.check("the daemon lives", bench.daemon.alive())
 
 
 HD, FULL_HD = ("camera.width=1280", "camera.height=720"), ("camera.width=1920", "camera.height=1080")
@@ -118,4 +118,4 @@ FAULTS = [
 ]
 
 CORE = ("plain", "bulk", "no-huffman", "corrupt-1-in-5", "jpeg-1088-rows", "second-stream-h264-first", "second-stream-grey-first")
-CASES = [Case(fault.name, fault.play, core=fault.name in CORE) for fault in FAULTS]
+CASES = [Case(fault.name, fault.run, core=fault.name in CORE) for fault in FAULTS]

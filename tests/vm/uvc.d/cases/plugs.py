@@ -4,47 +4,47 @@ import subprocess
 
 from cases.faults import Fault
 from rig import Reader, now, until
-from scene import Case, camera_nodes
+from bench import Case, camera_nodes
 
 
-def unplug(scene):
-    scene.webcam("unplug")
-    seen = scene.watch(3)
-    scene.note(f"unplugged: {seen.frames} frames in 3 s, {seen.dark} of them the placeholder")
-    scene.check("watchers get the placeholder meanwhile", seen.dark > 0)
-    scene.webcam("plug")
+def unplug(bench):
+    bench.webcam("unplug")
+    seen = bench.watch(3)
+    bench.note(f"unplugged: {seen.frames} frames in 3 s, {seen.dark} of them the placeholder")
+    bench.check("watchers get the placeholder meanwhile", seen.dark > 0)
+    bench.webcam("plug")
 
 
-def replug(scene):
-    scene.webcam("unplug")
-    scene.webcam("plug")
+def replug(bench):
+    bench.webcam("unplug")
+    bench.webcam("plug")
 
 
-def replug_often(scene):
+def replug_often(bench):
     for _ in range(10):
-        scene.webcam("unplug")
-        scene.watch(0.3)
-        scene.webcam("plug")
-        scene.watch(0.7)
+        bench.webcam("unplug")
+        bench.watch(0.3)
+        bench.webcam("plug")
+        bench.watch(0.7)
 
 
-def held(scene):
+def held(bench):
     """Another process holds the old node: the camera comes back under another number."""
     before = camera_nodes()[0]
     old = os.open(before, os.O_RDWR)
-    scene.webcam("unplug")
-    scene.watch(1)
-    scene.webcam("plug")
-    scene.watch(2)
-    scene.note(f"was {before}, is {camera_nodes()[:1]}")
+    bench.webcam("unplug")
+    bench.watch(1)
+    bench.webcam("plug")
+    bench.watch(2)
+    bench.note(f"was {before}, is {camera_nodes()[:1]}")
     os.close(old)
 
 
-def taken(scene):
+def taken(bench):
     """Another program has the camera for a while."""
-    scene.webcam("unplug")
-    scene.watch(0.5)
-    scene.webcam("plug")
+    bench.webcam("unplug")
+    bench.watch(0.5)
+    bench.webcam("plug")
     other = None
 
     def take():
@@ -55,21 +55,21 @@ def taken(scene):
             return False
         return True
     until(3, take)
-    scene.note("the other program got it" if other else "the other program did not get it")
+    bench.note("the other program got it" if other else "the other program did not get it")
     if other:
-        seen = scene.watch(3)
-        scene.note(f"meanwhile {seen.frames} frames, {seen.dark} of them the placeholder")
+        seen = bench.watch(3)
+        bench.note(f"meanwhile {seen.frames} frames, {seen.dark} of them the placeholder")
         other.close()
 
 
-def controls(scene):
+def controls(bench):
     """Another program turns the camera's controls while it streams."""
     node, began = camera_nodes()[0], now()
     for step in range(20):
         turn(node, f"brightness={step},zoom_absolute={100 + 10 * step}")
     said = turn(node, "pan_absolute=3600,tilt_absolute=-3600,power_line_frequency=2,auto_exposure=1,exposure_time_absolute=100")
-    scene.note(f"controls turned in {now() - began:.1f} s")
-    scene.check(f"v4l2-ctl turns them: {said}", not said)
+    bench.note(f"controls turned in {now() - began:.1f} s")
+    bench.check(f"v4l2-ctl turns them: {said}", not said)
 
 
 def turn(node, controls_):
@@ -85,4 +85,4 @@ FAULTS = [
     Fault("another-program-has-it", act=taken),
     Fault("controls-while-streaming", act=controls, during=0.65),
 ]
-CASES = [Case(fault.name, fault.play, core=fault.name == "unplug-3-s") for fault in FAULTS]
+CASES = [Case(fault.name, fault.run, core=fault.name == "unplug-3-s") for fault in FAULTS]

@@ -5,7 +5,7 @@ The twin counts what it is asked: after it was plugged in, nobody may have negot
 import os
 from dataclasses import dataclass
 
-from scene import CARD, SERIAL, TWIN, Case, camera_nodes, link, socket_of
+from bench import CARD, SERIAL, TWIN, Case, camera_nodes, link, socket_of
 
 GONE = 2.5  # seconds of each step: time for several tries to find a camera
 AWAY = 14  # longer than "auto" waits for the camera that it had
@@ -18,26 +18,26 @@ class Twins:
     naming: str
     serials: tuple = (SERIAL, TWIN)
 
-    def play(self, scene):
+    def run(self, bench):
         # Ours is the one in socket 0.
-        scene.start_camera("--port", "0", "--serial", self.serials[0])
+        bench.start_camera("--port", "0", "--serial", self.serials[0])
         first = camera_nodes("1-1")[0]
         device = {"number": first[10:], "node": first, "name": CARD, "auto": "auto"}.get(self.naming) or link(self.naming, first)
         # By its name alone ours can only be meant where it is alone.
-        plug_twin = lambda: scene.start_camera("--port", "1", "--serial", self.serials[1], name="twin")
+        plug_twin = lambda: bench.start_camera("--port", "1", "--serial", self.serials[1], name="twin")
         if self.naming != "name":
             plug_twin()
-        scene.note(f"camera.device={device}")
-        if not scene.check("it offers a picture", scene.start_daemon(device=device)):
+        bench.note(f"camera.device={device}")
+        if not bench.check("it offers a picture", bench.start_daemon(device=device)):
             return
-        scene.open_reader()
-        scene.check("the picture is live", scene.live_within(15))
+        bench.open_reader()
+        bench.check("the picture is live", bench.live_within(15))
         if self.naming == "name":
             plug_twin()
-            scene.watch(1)
-        pair = Pair(scene)
+            bench.watch(1)
+        pair = Pair(bench)
         self.orders(pair)
-        scene.check("the daemon lives", scene.daemon.alive())
+        bench.check("the daemon lives", bench.daemon.alive())
 
     def orders(self, pair):
         pair.order("ours goes and comes", ["out ours"], ["in ours"])
@@ -61,18 +61,18 @@ class Twins:
     def ours_stays_away(pair):
         """In the end it has to take another, and says so."""
         pair.move("out ours")
-        pair.scene.watch(AWAY)
-        scene = pair.scene
-        scene.check("the picture is live, of the twin", scene.watch(10, until_live=True).live > 1)
-        scene.check("it says that it took another camera", "another camera than before" in scene.said())
+        pair.bench.watch(AWAY)
+        bench = pair.bench
+        bench.check("the picture is live, of the twin", bench.watch(10, until_live=True).live > 1)
+        bench.check("it says that it took another camera", "another camera than before" in bench.said())
 
 
 class Pair:
-    """The two cameras of a scene, and what has to hold of them at any time."""
+    """The two cameras of a bench, and what has to hold of them at any time."""
 
-    def __init__(self, scene):
-        self.scene = scene
-        stats = scene.stats("twin")
+    def __init__(self, bench):
+        self.bench = bench
+        stats = bench.stats("twin")
         # The driver itself negotiates with a camera that is plugged in.
         self.usual = stats["probes"] // stats["plugs"]
 
@@ -81,22 +81,22 @@ class Pair:
         for word in words:
             what, which, *where = word.split()
             command = {"out": ["unplug"], "in": ["plug"], "socket": ["set", f"port={''.join(where)}"]}[what]
-            self.scene.webcam(*command, name="cam" if which == "ours" else "twin")
+            self.bench.webcam(*command, name="cam" if which == "ours" else "twin")
 
     def order(self, what, *steps, live=True):
-        """Plays steps, with time for gimbald to do wrong after each. `live`: ours has to be used in the end, else nothing."""
+        """Takes the steps, with time for gimbald to do wrong after each. `live`: ours has to be used in the end, else nothing."""
         for step in steps:
             self.move(*step)
-            self.scene.watch(GONE)
+            self.bench.watch(GONE)
         if live:
-            self.scene.check(f"{what}: live again", self.scene.watch(10, until_live=True).live > 1)
-        in_use = self.scene.camera_in_use()
-        self.scene.note(f"{what}: {in_use and os.path.realpath(in_use)} in socket {socket_of(in_use)}")
-        stats = self.scene.stats("twin")
+            self.bench.check(f"{what}: live again", self.bench.watch(10, until_live=True).live > 1)
+        in_use = self.bench.camera_in_use()
+        self.bench.note(f"{what}: {in_use and os.path.realpath(in_use)} in socket {socket_of(in_use)}")
+        stats = self.bench.stats("twin")
         # Less than usual, where it was unplugged again at once.
         probed = max(0, stats.get("probes", 0) - self.usual * stats["plugs"])
         asked = probed, stats.get("commits", 0), stats.get("starts", 0)
-        self.scene.check(f"{what}: the twin is left alone, not probed {asked[0]}, committed {asked[1]}, started {asked[2]} times",
+        self.bench.check(f"{what}: the twin is left alone, not probed {asked[0]}, committed {asked[1]}, started {asked[2]} times",
                          asked == (0, 0, 0))
 
 
@@ -109,7 +109,7 @@ class OneOrder(Twins):
 
 
 NAMINGS = ("by-id", "by-path", "number", "node", "name", "auto")
-CASES = [Case("twin-must-not-be-taken", OneOrder("by-id").play, core=True)]
-CASES += [Case(f"twin-{naming}", Twins(naming).play) for naming in NAMINGS]
-CASES += [Case(f"twin-{naming}-without-serials", Twins(naming, ("", "")).play) for naming in NAMINGS]
-CASES += [Case("twin-by-id-equal-serials", Twins("by-id", (SERIAL, SERIAL)).play)]
+CASES = [Case("twin-must-not-be-taken", OneOrder("by-id").run, core=True)]
+CASES += [Case(f"twin-{naming}", Twins(naming).run) for naming in NAMINGS]
+CASES += [Case(f"twin-{naming}-without-serials", Twins(naming, ("", "")).run) for naming in NAMINGS]
+CASES += [Case("twin-by-id-equal-serials", Twins("by-id", (SERIAL, SERIAL)).run)]

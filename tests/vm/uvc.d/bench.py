@@ -1,4 +1,4 @@
-"""What a case has on its stage: emulated cameras, the daemon, a reader of its loopback; and what came of it."""
+"""What a case has on its bench: emulated cameras, the daemon, a reader of its loopback; and what came of it."""
 import glob
 import json
 import os
@@ -18,10 +18,10 @@ CARD, SERIAL, TWIN = "Test Webcam", "TEST0001", "TEST0002"
 
 @dataclass
 class Case:
-    """A case: a function that plays it on a Scene. `core`: continuous integration plays it too."""
+    """A case: a function that runs it on a Bench. `core`: continuous integration runs it too."""
 
     name: str
-    play: object
+    run: object
     core: bool = False
 
 
@@ -44,7 +44,7 @@ class Seen:
 
 
 @dataclass
-class Stage:
+class Shared:
     """What all cases share."""
 
     program: str
@@ -54,10 +54,10 @@ class Stage:
 
 
 @dataclass
-class Scene:
+class Bench:
     """One case's cameras, daemon and reader. What is started here is ended by `end`."""
 
-    stage: Stage
+    shared: Shared
     failed: list = field(default_factory=list)
     notes: list = field(default_factory=list)
     cameras: list = field(default_factory=list)
@@ -90,8 +90,8 @@ class Scene:
     def start_camera(self, *words, name="cam"):
         """Plugs one in; its first node. udev has made its links by then."""
         command = [sys.executable, "-B", f"{HERE}/webcam", "start", *words, "--name", name]
-        if self.stage.pictures:
-            command += ["--pictures", self.stage.pictures]
+        if self.shared.pictures:
+            command += ["--pictures", self.shared.pictures]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"the camera {' '.join(words)} does not start: {done.stderr.strip()}")
@@ -108,14 +108,14 @@ class Scene:
         """Starts gimbald with the settings and waits until its loopback is a camera, or it ends. Says whether it offers a picture."""
         sets = list(sets)
         if not any(given.startswith("camera.width") for given in sets):
-            sets += [f"camera.width={self.stage.size[0]}", f"camera.height={self.stage.size[1]}"]
+            sets += [f"camera.width={self.shared.size[0]}", f"camera.height={self.shared.size[1]}"]
         if not any(given.startswith("camera.format") for given in sets):
             sets += ["camera.format=mjpeg"]  # of small pictures it would choose the raw ones
         sets += ["output.linger_s=0.5", f"control.socket={SOCKET}"]
         if os.path.exists(LOG):
             os.unlink(LOG)
-        self.daemon = Daemon(program or self.stage.program, self.stage.out, *sets, device=device, log=LOG, **more).start()
-        camera_appears(self.stage.out, while_=self.daemon.alive)
+        self.daemon = Daemon(program or self.shared.program, self.shared.out, *sets, device=device, log=LOG, **more).start()
+        camera_appears(self.shared.out, while_=self.daemon.alive)
         return self.daemon.alive()
 
     def status(self):
@@ -141,7 +141,7 @@ class Scene:
     # -- the reader
 
     def open_reader(self):
-        self.reader = Reader(self.stage.out)
+        self.reader = Reader(self.shared.out)
         return self.reader
 
     def watch(self, seconds, until_live=False):
