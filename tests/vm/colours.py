@@ -122,6 +122,8 @@ const tell = what => fetch('/told', {method: 'POST', body: JSON.stringify(what)}
       context.drawImage(video, 0, 0);
       const row = context.getImageData(0, canvas.height >> 1, canvas.width, 1).data;
       const bars = [...Array(8).keys()].map(n => [...row.slice(4 * ((2 * n + 1) * canvas.width >> 4), 4 * ((2 * n + 1) * canvas.width >> 4) + 3)]);
+      // Until the last bar is bright it is the placeholder that is seen, at two frames a second.
+      if (bars[7][1] < 150 && frames < 100) { video.requestVideoFrameCallback(look); return; }
       await tell({bars, size: [canvas.width, canvas.height]});
     };
     video.requestVideoFrameCallback(look);
