@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let report = std::thread::scope(|scope| {
         // also where a panic ends it: the scope waits for its thread
         let _closing = CloseAtEnd(signals.handle());
-        let listen = || signals.listen(&stop, &wake, || _ = desk.reload_soon());
+        let listen = || signals.listen(&stop, &wake, || _ = desk.reload_soon(true));
         let listening = std::thread::Builder::new().name("signals".into()).spawn_scoped(scope, listen);
         match listening {
             Ok(_) => daemon::run(&desk, &stop, &wake).map_err(Failure::from),

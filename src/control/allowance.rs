@@ -1,4 +1,4 @@
-//! How much of something is allowed: a token bucket. Time is an argument.
+//! How much of something is allowed, and how much was taken of late: a token bucket. Time is an argument.
 
 use std::time::{Duration, Instant};
 
@@ -11,18 +11,23 @@ pub struct Rate {
     pub burst: f64,
 }
 
+/// What was taken counts half after this long.
+const HALF_LIFE_S: f64 = 5.0;
+
 /// What is left of it.
 #[derive(Clone, Debug)]
 pub(super) struct Allowance {
     rate: Rate,
     level: f64,
+    /// What was taken of late: the newest counts most. Tells apart those who ask less than they may.
+    taken: f64,
     at: Instant,
 }
 
 impl Allowance {
     /// All of it.
     pub(super) fn new(rate: Rate, now: Instant) -> Self {
-        Self { rate, level: rate.burst, at: now }
+        Self { rate, level: rate.burst, taken: 0.0, at: now }
     }
 
     /// How much is left.
@@ -36,14 +41,20 @@ impl Allowance {
         self.level(now) >= 1.0
     }
 
-    /// Whether nothing has been taken that has not come back.
-    pub(super) fn is_full(&self, now: Instant) -> bool {
-        self.level(now) >= self.rate.burst
+    /// How much was taken of late.
+    pub(super) fn taken(&self, now: Instant) -> f64 {
+        let half_lives = now.saturating_duration_since(self.at).as_secs_f64() / HALF_LIFE_S;
+        self.taken * (-half_lives).exp2()
+    }
+
+    /// Whether it is as if nothing had ever been taken.
+    pub(super) fn is_new(&self, now: Instant) -> bool {
+        self.level(now) >= self.rate.burst && self.taken(now) < 0.5
     }
 
     /// Takes one, or what is left.
     pub(super) fn take(&mut self, now: Instant) {
-        (self.level, self.at) = ((self.level(now) - 1.0).max(0.0), now);
+        (self.level, self.taken, self.at) = ((self.level(now) - 1.0).max(0.0), self.taken(now) + 1.0, now);
     }
 
     /// Takes one where one is left.
@@ -74,7 +85,8 @@ mod tests {
         assert!((0..3).all(|_| allowance.try_take(start)) && !allowance.try_take(start));
         assert!(allowance.wait(start).as_millis().abs_diff(100) <= 1);
         assert!(!allowance.try_take(after(90)) && allowance.try_take(after(101)) && !allowance.try_take(after(102)));
-        assert!(!allowance.is_full(after(300)) && allowance.is_full(after(1000)));
+        assert!((allowance.taken(after(101)) - 4.0).abs() < 0.1 && (allowance.taken(after(5101)) - 2.0).abs() < 0.1);
+        assert!(!allowance.is_new(after(1000)) && allowance.is_new(after(60_000)));
         assert!(allowance.level(after(100_000)) <= 3.0, "a long rest gives no more than the burst");
         (0..100).for_each(|_| allowance.take(after(100_000)));
         assert!(allowance.wait(after(100_000)).as_millis() <= 100, "nothing is owed");

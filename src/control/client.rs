@@ -102,6 +102,9 @@ impl Connection {
     fn ask_once(&mut self, request: &Request) -> Result<Reply, ClientError> {
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => ClientError::HungUp { path: self.path.clone() },
+            io::ErrorKind::WouldBlock => {
+                ClientError::Silent { path: self.path.clone(), what: format!("nothing for {} s", PATIENCE.as_secs()) }
+            }
             _ => ClientError::Silent { path: self.path.clone(), what: error.to_string() },
         };
         let line = request.line() + "\n";

@@ -26,6 +26,8 @@ pub struct Desk {
     reread: Reread,
     pub(super) reloads: Reloads,
     notices: Mutex<Notices>,
+    /// What was wrong with the configuration when it was read last.
+    fault: Mutex<Option<String>>,
     systemd: Systemd,
     ready: AtomicBool,
 }
@@ -62,6 +64,7 @@ impl Desk {
             reread,
             reloads: Reloads::default(),
             notices: Mutex::default(),
+            fault: Mutex::default(),
             systemd,
             ready: AtomicBool::new(false),
         }
@@ -107,6 +110,11 @@ impl Desk {
     /// # Errors
     /// What is wrong with the configuration; nothing has changed then.
     pub fn reload(&self) -> Result<Applied, String> {
+        self.reload_and_say(true)
+    }
+
+    /// The same; the log says that nothing changed only where `aloud`.
+    pub(super) fn reload_and_say(&self, aloud: bool) -> Result<Applied, String> {
         let ready = self.ready.load(Ordering::Relaxed);
         if ready {
             self.systemd.reloading();
@@ -119,7 +127,13 @@ impl Desk {
             state.restart.clone_from(&applied.restart);
             applied
         });
-        if self.may_say(About::Reload, Instant::now()) {
+        // What is wrong with the file is said in any case, once: clients cannot make it something else again and again.
+        let mut fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        let new_fault = done.as_ref().err().is_some_and(|what| fault.as_ref() != Some(what));
+        *fault = done.as_ref().err().cloned();
+        drop(fault);
+        let news = aloud || done != Ok(Applied::default());
+        if new_fault || (news && self.may_say(About::Reload, Instant::now())) {
             say_reloaded(&done);
         }
         if ready {

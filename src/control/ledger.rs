@@ -113,15 +113,15 @@ impl Ledger {
     /// The sessions with a request, in the order in which they are to be served: whose process has asked least of late comes first,
     /// then whose connection has, then who has waited longest.
     pub(super) fn order(&self, sessions: &[Session], now: Instant) -> Vec<usize> {
-        let left = |index: usize| {
+        let taken = |index: usize| {
             let session = &sessions[index];
-            let process = self.processes.get(&session.peer).map_or(self.rules.process.burst, |process| process.level(now));
-            (process, session.allowance.level(now))
+            let process = self.processes.get(&session.peer).map_or(0.0, |process| process.taken(now));
+            (process, session.allowance.taken(now))
         };
         let mut order: Vec<usize> = (0..sessions.len()).filter(|&index| sessions[index].at() == At::Ready).collect();
         order.sort_by(|&a, &b| {
-            let (one, other) = (left(a), left(b));
-            other.0.total_cmp(&one.0).then(other.1.total_cmp(&one.1)).then(sessions[a].since().cmp(&sessions[b].since()))
+            let (one, other) = (taken(a), taken(b));
+            one.0.total_cmp(&other.0).then(one.1.total_cmp(&other.1)).then(sessions[a].since().cmp(&sessions[b].since()))
         });
         order
     }
@@ -155,12 +155,12 @@ impl Ledger {
         (0..sessions.len()).filter(|&index| from(&sessions[index])).min_by_key(|&index| rank(&sessions[index]))
     }
 
-    /// Forgets those who have all of their allowance again: they are as good as new.
+    /// Forgets those who are as good as new.
     fn tidy(&mut self, now: Instant) {
         if now.saturating_duration_since(self.tidied) >= Duration::from_secs(1) {
             self.tidied = now;
-            self.processes.retain(|_, allowance| !allowance.is_full(now));
-            self.users.retain(|_, allowance| !allowance.is_full(now));
+            self.processes.retain(|_, allowance| !allowance.is_new(now));
+            self.users.retain(|_, allowance| !allowance.is_new(now));
         }
     }
 }
@@ -238,6 +238,26 @@ mod tests {
         assert_eq!(ledger.order(&all, now), [2, 1, 0]);
     }
 
+    /// Many processes of one user that each ask no more than they may, and together more than the user may: another one comes first.
+    #[test]
+    fn a_newcomer_goes_before_those_who_have_asked() {
+        let mut now = Instant::now();
+        let mut ledger = Ledger::new(&RULES(), now);
+        let peers: Vec<(u32, i32)> = (0..17).map(|n| (0, n)).collect();
+        let (clients, mut all) = sessions(&peers, now);
+        for (client, session) in clients.iter().zip(&mut all) {
+            (&*client).write_all(b"status\n").unwrap();
+            assert!(session.talk(now));
+        }
+        for _ in 0..5 {
+            now += Duration::from_secs(1);
+            (0..16).for_each(|index| ledger.charge(&mut all[index], now));
+        }
+        now += Duration::from_secs(2);
+        assert!(ledger.connect(Peer { uid: 0, pid: 16 }, now));
+        assert_eq!(ledger.order(&all, now)[0], 16);
+    }
+
     #[test]
     fn a_process_that_asks_without_end_leaves_others_of_its_user_their_share() {
         let now = Instant::now();
@@ -269,6 +289,9 @@ mod tests {
             now += Duration::from_millis(1);
             assert!(ledger.connect(Peer { uid: 0, pid }, now));
         }
-        assert!(ledger.processes.len() < 1500, "{}", ledger.processes.len());
+        // a second or two more than it takes to count less than a half
+        assert!(ledger.processes.len() < 7500, "{}", ledger.processes.len());
+        now += Duration::from_secs(60);
+        assert!(ledger.connect(Peer { uid: 0, pid: 1 }, now) && ledger.processes.len() == 1);
     }
 }

@@ -33,6 +33,8 @@ struct Readings {
     begun: u64,
     /// Whether there is a thread that sees to it.
     busy: bool,
+    /// Whether one of those who wait for the next reading has nothing but the log to learn from that nothing changed.
+    aloud: bool,
     allowance: Option<Allowance>,
     /// Who is told, and the bell to ring then.
     listener: Option<(Sender<Reloaded>, Wake)>,
@@ -56,8 +58,8 @@ impl Reloads {
         }
     }
 
-    /// The ticket of the next reading, once it may begin; `None` where nobody waits for one.
-    fn begin(&self) -> Option<u64> {
+    /// The ticket of the next reading, once it may begin, and whether to say that nothing changed; `None` where nobody waits for one.
+    fn begin(&self) -> Option<(u64, bool)> {
         loop {
             let mut readings = self.readings();
             if readings.begun == readings.asked {
@@ -68,7 +70,7 @@ impl Reloads {
             let allowance = readings.allowance.get_or_insert_with(|| Allowance::new(READINGS, now));
             if allowance.try_take(now) {
                 readings.begun = readings.asked;
-                return Some(readings.begun);
+                return Some((readings.begun, std::mem::take(&mut readings.aloud)));
             }
             let wait = allowance.wait(now);
             drop(readings);
@@ -79,9 +81,11 @@ impl Reloads {
 
 impl Desk {
     /// Has the configuration read again soon, on another thread, and returns the ticket of that reading: one that begins after this
-    /// call, so that it sees what is in the file now. What comes of it is in the log, and told to whoever listens.
-    pub fn reload_soon(self: &Arc<Self>) -> u64 {
+    /// call, so that it sees what is in the file now. What comes of it is in the log, and told to whoever listens; that nothing changed is
+    /// in the log where somebody wants it `aloud`, who gets no answer.
+    pub fn reload_soon(self: &Arc<Self>, aloud: bool) -> u64 {
         let mut readings = self.reloads.readings();
+        readings.aloud |= aloud;
         if readings.asked == readings.begun {
             readings.asked += 1;
         }
@@ -94,8 +98,8 @@ impl Desk {
         let desk = self.clone();
         // Nobody joins it: a file system that does not answer must not keep the daemon from ending.
         let thread = std::thread::Builder::new().name("reload".into()).spawn(move || {
-            while let Some(ticket) = desk.reloads.begin() {
-                let result = desk.reload();
+            while let Some((ticket, aloud)) = desk.reloads.begin() {
+                let result = desk.reload_and_say(aloud);
                 desk.reloads.tell(Reloaded { ticket, result });
             }
         });
@@ -138,11 +142,11 @@ mod tests {
         let (sender, told) = unbounded();
         let wake = Wake::new().unwrap();
         desk.reloads.listen(sender, wake.clone());
-        let first = desk.reload_soon();
+        let first = desk.reload_soon(false);
         has_begun.recv_timeout(LONG).unwrap();
-        let second = desk.reload_soon();
+        let second = desk.reload_soon(false);
         assert!(second > first);
-        assert!((0..1000).all(|_| desk.reload_soon() == second), "they share it");
+        assert!((0..1000).all(|_| desk.reload_soon(false) == second), "they share it");
         go_on.send_timeout((), LONG).unwrap();
         assert_eq!(told.recv_timeout(LONG).unwrap().ticket, first);
         assert!(wake.wait(LONG));
@@ -151,7 +155,7 @@ mod tests {
         assert_eq!((reloaded.ticket, reloaded.result), (second, Ok(Applied::default())));
         assert_eq!(count.load(Relaxed), 2);
         drop(go_on);
-        let third = desk.reload_soon();
+        let third = desk.reload_soon(false);
         let reloaded = told.recv_timeout(LONG).unwrap();
         assert_eq!((reloaded.ticket, reloaded.result), (third, Err("over".into())));
     }
@@ -168,7 +172,7 @@ mod tests {
         let begun = Instant::now();
         let mut asked = 0;
         while begun.elapsed() < Duration::from_millis(500) {
-            asked = desk.reload_soon();
+            asked = desk.reload_soon(false);
         }
         assert!(asked > 0);
         let most = READINGS.burst + READINGS.per_second * begun.elapsed().as_secs_f64() + 1.0;

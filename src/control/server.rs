@@ -226,7 +226,7 @@ impl Serving<'_> {
             let Some(line) = session.take_line(now) else { continue };
             let stays = match Request::read(&line) {
                 Ok(Request::Reload) => {
-                    session.await_reload(self.desk.reload_soon(), now);
+                    session.await_reload(self.desk.reload_soon(false), now);
                     true
                 }
                 Ok(request) => session.reply(&answer(&request, self.desk, &session.peer.to_string()), now),

@@ -6,6 +6,8 @@ use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
+
 use crate::rig::{LONG, Scratch, said};
 
 /// `gimbald run` as a service that waits for devices that do not exist. Ended when it is dropped.
@@ -55,6 +57,10 @@ impl Daemon {
         }
     }
 
+    fn signal(&self, signal: Signal) {
+        let _ = kill_process(Pid::from_child(&self.child), signal);
+    }
+
     fn descriptors(&self) -> usize {
         fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
     }
@@ -68,8 +74,7 @@ impl Daemon {
 
 impl Drop for Daemon {
     fn drop(&mut self) {
-        let pid = rustix::process::Pid::from_child(&self.child);
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+        self.signal(Signal::TERM);
         let _ = self.child.wait();
     }
 }
@@ -94,6 +99,7 @@ fn a_flood_does_not_fill_the_log() {
     }
     assert!(said(&daemon.scratch.gimbald(&["reload"])).contains("nothing changed"));
     daemon.until_logged("more suppressed: refused requests");
+    assert!(!daemon.log().contains("read again"), "who asked by the socket was answered there");
     let seconds = begun.elapsed().as_secs_f64();
     let log = daemon.log();
     let grown = log.lines().count() - lines;
@@ -123,6 +129,27 @@ fn many_connections_cost_little() {
     let (more, grown_kb) = (daemon.descriptors() - descriptors, daemon.memory_kb().saturating_sub(memory_kb));
     assert!(more <= 64, "{more} descriptors more");
     assert!(grown_kb < 16 * 1024, "{grown_kb} kB more");
+}
+
+/// A signal has no answer but the log.
+#[test]
+fn a_signal_has_the_configuration_read_again() {
+    let daemon = Daemon::listening("signal");
+    daemon.signal(Signal::HUP);
+    daemon.until_logged("configuration read again; changed: nothing");
+    let text = fs::read_to_string(daemon.scratch.config()).unwrap();
+    fs::write(daemon.scratch.config(), text.clone() + "[crop]\nzoom = 1.3\n").unwrap();
+    daemon.signal(Signal::HUP);
+    daemon.until_logged("configuration read again; changed: crop.zoom");
+    fs::write(daemon.scratch.config(), text + "[crop]\nzoom = 13\n").unwrap();
+    daemon.signal(Signal::HUP);
+    daemon.until_logged("1 to 2");
+    assert!(said(&daemon.scratch.gimbald(&["status", "--json"])).contains("\"crop.zoom\":\"1.3\""));
+    // a daemon that does not answer is told from one that is not there
+    daemon.signal(Signal::STOP);
+    let silent = daemon.scratch.gimbald(&["status"]);
+    daemon.signal(Signal::CONT);
+    assert!(String::from_utf8_lossy(&silent.stderr).contains("does not answer: nothing for 5 s"), "{silent:?}");
 }
 
 #[test]
