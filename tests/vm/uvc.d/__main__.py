@@ -7,9 +7,12 @@ reader saw, what gimbald said and counted, and what the camera sent. PASS: the d
 status is 1 where a case failed. The rates that are asked for are those of a machine that is not overloaded.
 """
 import argparse
+import faulthandler
+import glob
 import json
 import os
 import sys
+import threading
 
 sys.path.insert(1, os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
 
@@ -17,10 +20,30 @@ from cases import CASES
 from rig import loopback, now
 from bench import Bench, Shared
 
+LONGEST = 300  # seconds that a case may take
+
+
+def hangs(case):
+    """A case that does not end: says where everything stands, and ends the suite."""
+    print(f"FAIL {case.name}: it hangs", flush=True)
+    faulthandler.dump_traceback(sys.stdout)
+    for status in glob.glob("/proc/[0-9]*/status"):
+        folder = os.path.dirname(status)
+        try:
+            with open(status) as file, open(f"{folder}/wchan") as wchan, open(f"{folder}/cmdline", "rb") as command:
+                state = next(line for line in file if line.startswith("State"))
+                print("    ", folder, state.strip(), wchan.read(), command.read().replace(b"\0", b" ").decode()[-120:], flush=True)
+        except (OSError, StopIteration):
+            pass
+    os._exit(1)
+
 
 def run(case, shared):
     """Runs one case and tells of it; whether it passed."""
     bench, began = Bench(shared), now()
+    watch = threading.Timer(LONGEST, hangs, [case])
+    watch.daemon = True
+    watch.start()
     try:
         case.run(bench)
     except Exception as error:  # one case does not end the others
@@ -28,6 +51,7 @@ def run(case, shared):
     if bench.daemon and bench.daemon.alive():
         bench.status()
     sent = bench.end()
+    watch.cancel()
     passed = not bench.failed
     print(f"{'PASS' if passed else 'FAIL'} {case.name} ({now() - began:.0f} s)" + (": not so: " + "; ".join(bench.failed) if bench.failed else ""))
     for note in bench.notes:
