@@ -35,6 +35,7 @@ class Seen:
     live: int = 0
     dark: int = 0
     gap: float = 0.0
+    replaced: int = 0  # written to the loopback, and replaced by newer ones before this reader took them
 
     @property
     def rate(self):
@@ -65,6 +66,7 @@ class Bench:
     daemon: Daemon = None
     reader: Reader = None
     last_picture: int = None
+    last_sequence: int = None
     last_status: dict = field(default_factory=dict)
 
     # -- judging
@@ -163,6 +165,9 @@ class Bench:
             if not frame:
                 break
             seen.frames += 1
+            if self.last_sequence is not None and frame.sequence > self.last_sequence:
+                seen.replaced += frame.sequence - self.last_sequence - 1
+            self.last_sequence = frame.sequence
             if not frame.live:
                 seen.dark += 1
             elif frame.sum != self.last_picture:

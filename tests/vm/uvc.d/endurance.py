@@ -99,7 +99,7 @@ class Endurance:
 
     def __init__(self, bench, report, seed):
         self.bench, self.report, self.chance = bench, report, random.Random(seed)
-        self.calm = dict(seconds=0.0, exposed=0, live=0, lost=0, counted=0)
+        self.calm = dict(seconds=0.0, exposed=0, live=0, lost=0, counted=0, replaced=0)
         self.faults, self.worst = {}, {}
         self.marks = []
 
@@ -110,11 +110,12 @@ class Endurance:
         counted = Counts.take(self.bench).since(before)
         exposed = counted.camera.get("frames", 0)
         drops = sum(count for key, count in counted.gimbald.items() if key.startswith("drops.") and key != "drops.restarts")
-        lost = max(0, exposed - seen.live - drops - UNDER_WAY)
-        for key, count in (("seconds", seconds), ("exposed", exposed), ("live", seen.live), ("lost", lost), ("counted", drops)):
+        lost = max(0, exposed - seen.live - drops - seen.replaced - UNDER_WAY)
+        books = dict(seconds=seconds, exposed=exposed, live=seen.live, lost=lost, counted=drops, replaced=seen.replaced)
+        for key, count in books.items():
             self.calm[key] += count
         if lost or drops:
-            self.report.say(f"      without a fault: {drops} of {exposed} frames lost and counted, {lost} not counted, longest gap {seen.gap:.2f} s; {counted}")
+            self.report.say(f"      without a fault: {drops} of {exposed} frames lost and counted, {seen.replaced} taken too late by the reader, {lost} not counted, longest gap {seen.gap:.2f} s; {counted}")
 
     def fault(self):
         """One fault, until the picture is live again."""
@@ -156,9 +157,10 @@ class Endurance:
         report.say(f"      without a fault: {calm['seconds']:.0f} s, {calm['exposed']} frames exposed, {calm['live']} live ({rate:.2f} a second)")
         report.check(f"{calm['lost']} frames lost without a fault that gimbald did not count", calm["lost"] == 0)
         if self.faults:
-            report.say(f"      {calm['counted']} lost that it did count: the machine was late")
+            report.say(f"      {calm['counted']} lost that it did count: the machine was late; {calm['replaced']} that the reader took too late")
         else:
-            report.check(f"{calm['counted']} lost that it did count", calm["counted"] == 0)
+            report.check(f"{calm['counted']} lost that it did count, {calm['replaced']} that the reader took too late",
+                         calm["counted"] + calm["replaced"] == 0)
         # Its first minutes fill its buffers and the rings of what it remembers.
         settled = self.marks[min(len(self.marks) // 4, 12):]
         memory, descriptors = [mark[0] for mark in settled], [mark[1] for mark in settled]
