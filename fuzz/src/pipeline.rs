@@ -18,16 +18,18 @@ const SETS: &[&[&str]] = &[
     &["smooth.mode=iir", "smooth.strength=0", "smooth.cutoff_hz=10"],
     &["crop.border=mirror", "crop.border=black"],
     &["crop.zoom=auto", "crop.zoom=1", "crop.zoom=2"],
-    &["fit.form=general", "fit.threshold_px=0.1"],
+    &["fit.form=general", "fit.threshold_px=0.2"],
     &["warp.filter=bilinear", "warp.filter=bicubic"],
     &["camera.readout_ms=-100", "camera.readout_ms=25", "camera.readout_ms=0"],
     &["camera.hfov_deg=170", "camera.hfov_deg=10", "camera.hfov_deg=60"],
     &["track.window=24", "track.window=8"],
-    &["track.points=50", "track.points=400"],
+    &["track.points=400"],
     &["stabilize.enabled=false"],
 ];
 
-const MOST_FRAMES: usize = 30;
+/// Points that are followed, where nothing else is set: few, so that many inputs are tried.
+const FEW_POINTS: &str = "track.points=50";
+const MOST_FRAMES: usize = 12;
 
 /// A stream that is made up of the input.
 pub fn pipeline(data: &[u8]) {
@@ -46,10 +48,11 @@ pub fn pipeline(data: &[u8]) {
 
 fn settings(bytes: &mut Unstructured<'_>) -> Result<Settings> {
     let mut settings = Settings::default();
+    let mut set = |assignment: &str| settings.set(assignment).unwrap_or_else(|faults| panic!("{faults}"));
+    set(FEW_POINTS);
     for choices in SETS {
-        if bytes.ratio(1, 3)? {
-            let set = bytes.choose(choices)?;
-            settings.set(set).unwrap_or_else(|faults| panic!("{faults}"));
+        if bytes.ratio(1, 4)? {
+            set(bytes.choose(choices)?);
         }
     }
     Ok(settings)
@@ -67,7 +70,8 @@ struct Format {
 impl Format {
     fn any(bytes: &mut Unstructured<'_>) -> Result<Self> {
         let pixel = *bytes.choose(&PixelFormat::ALL)?;
-        let (width, height) = (bytes.int_in_range(1..=160)?, bytes.int_in_range(1..=120)?);
+        let most = if bytes.ratio(1, 16)? { [320, 240] } else { [64, 48] };
+        let (width, height) = (bytes.int_in_range(1..=most[0])?, bytes.int_in_range(1..=most[1])?);
         Ok(Self { pixel, width, height, stride: pixel.tight_stride(width) })
     }
 
