@@ -15,6 +15,8 @@ import sys
 import time
 import zlib
 
+import confined
+
 CAPTURE, MMAP = 1, 1
 DARK = 50  # mean luma below which a picture is the placeholder; the test camera's is far above
 
@@ -242,6 +244,9 @@ class Daemon:
 
     def start(self):
         arguments = [self.program, "run"] + [word for given in self.sets for word in ("--set", given)]
+        if unit := os.environ.get("GIMBALD_UNIT"):
+            self.process = confined.Service(arguments, self.log, self.env or {}, unit)
+            return self
         environment = {**os.environ, **(self.env or {})}
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(arguments, stdout=log, stderr=log, env=environment)
@@ -301,6 +306,7 @@ class Manager:
             os.unlink(self.path)
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.socket.bind(self.path)
+        os.chmod(self.path, 0o666)  # the daemon may have an account of its own
         self.socket.setblocking(False)
         self.heard = []
 
