@@ -24,7 +24,8 @@ fn both_units_say_the_same() {
 
 #[test]
 fn the_commands_of_the_units_are_commands_of_the_program() {
-    let commands: Vec<String> = said(ONE).into_iter().filter(|line| line.starts_with("Exec")).collect();
+    let is_command = |line: &String| line.starts_with("ExecStart=") || line.starts_with("ExecReload=");
+    let commands: Vec<String> = said(ONE).into_iter().filter(is_command).collect();
     assert_eq!(commands.len(), 2);
     for command in commands {
         let words: Vec<&str> = command.split(' ').collect();
