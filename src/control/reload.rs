@@ -10,7 +10,7 @@ use super::{Applied, Desk};
 use crate::rt::wake::Wake;
 
 /// Readings a second, at most; askers who are more share one.
-const READINGS: Rate = Rate { per_second: 10.0, burst: 10.0 };
+const READINGS: Rate = Rate { per_second: 40.0, burst: 20.0 };
 
 /// What came of one reading.
 #[derive(Clone, Debug)]
