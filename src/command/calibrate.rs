@@ -207,8 +207,7 @@ impl Found {
     fn unevenness(&self) -> String {
         let Evenness { jitter_s, intervals, doubtful } = self.evenness;
         format!(
-            "frames are stamped unevenly, by {:.1} ms against the camera's rhythm (root mean square); {doubtful} of {intervals} \
-             intervals do not fit it",
+            "intervals are off the camera's rhythm by {:.1} ms (root mean square), and {doubtful} of {intervals} do not fit it at all",
             1e3 * jitter_s
         )
     }

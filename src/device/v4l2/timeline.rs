@@ -36,7 +36,8 @@ impl Timeline {
         match time {
             Some(time) if time > 0 && now_ns.abs_diff(time) < FAR_NS.unsigned_abs() => time,
             _ => {
-                // No offset is learnt: an odd clock may also jump or wrap. The cost is the jitter of our own waking up.
+                // No offset is learnt: an odd clock may also jump or wrap. The cost is the jitter of our own waking up, which
+                // `stage::timing` takes out.
                 self.foreign_times += 1;
                 now_ns
             }

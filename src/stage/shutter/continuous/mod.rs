@@ -61,6 +61,8 @@ pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Before anything is measured.
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
+/// Part of a known interval that it may be off by, at most: a stamp that is later by several frames is a late stamp.
+const MOST_OFF: f64 = 0.35;
 /// Rounds of weighing; the scale shrinks from round to round.
 const ROUNDS: usize = 4;
 /// With more rounds than this the last ones' scale is the same; where they change less than this part of the weights, they may end.
@@ -453,7 +455,7 @@ impl Continuous {
         let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
         let share =
             if self.unknown == [false; 2] || self.timed.is_none() { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
-        self.unevenness.take(share, self.timed.unwrap_or(0.0));
+        self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MOST_OFF));
         for (information, sight) in self.information.iter_mut().zip(&self.sights) {
             *information *= sight.say.min(2.0);
         }
