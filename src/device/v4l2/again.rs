@@ -198,7 +198,12 @@ impl Known {
         let is_ours = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Ours;
         let ours: Vec<_> = there.nodes.iter().filter(is_ours).collect();
         let same = |seen: &&&Sighting| seen.function == self.ours.function && seen.index == self.ours.index;
-        if let Some(same) = ours.iter().find(same) {
+        // Drivers that make several cameras of one device (vivid does) are told apart by the node alone: the one that the settings name,
+        // then the one that it had.
+        let named = |seen: &&&Sighting| there.meant.as_ref().is_some_and(|meant| meant.node == seen.node);
+        let before = |seen: &&&Sighting| self.ours.node == seen.node;
+        let found = || ours.iter().filter(same);
+        if let Some(same) = found().find(named).or_else(|| found().find(before)).or_else(|| found().next()) {
             return Some(Next::Open(vec![(*same).clone()]));
         }
         if ours.is_empty() {
