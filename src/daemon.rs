@@ -3,11 +3,13 @@
 mod attended;
 mod audience;
 mod cameras;
+mod companions;
 mod demand;
 mod memory;
 mod pulse;
 mod recovery;
 mod screen;
+mod words;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -15,14 +17,15 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 
 use crate::config::Settings;
-use crate::control::{CameraNow, Desk, OutputNow, Server, State};
+use crate::control::{Desk, Server, State};
 use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
-use crate::pipeline::{Params, Totals, run_live};
+use crate::pipeline::{Params, run_live};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::stop::Stop;
 use crate::rt::wake::Wake;
+use crate::share::{self, Companions};
 use crate::systemd::Systemd;
 use attended::{Attended, Notes};
 use cameras::Cameras;
@@ -33,6 +36,7 @@ use memory::{Memory, Mode};
 use pulse::{Pulse, attend};
 use recovery::{FormatsLeft, Recovery, Step};
 use screen::{SHOW_EVERY, Screen};
+use words::{camera_now, in_words, tell_of, told_stream};
 
 /// From the first try again to the slowest.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
@@ -42,6 +46,9 @@ const BUSY: Duration = Duration::from_millis(300);
 
 /// A service whose camera is not there is ready too, after this long: nothing that waits for it (the boot) is held up.
 const READY_WITHOUT_CAMERA: Duration = Duration::from_secs(20);
+
+/// A companion that runs already has connected after this long.
+const FOR_COMPANIONS: Duration = Duration::from_millis(1500);
 
 /// A device that came is tried after this long: udev gives it its links and permissions.
 const SETTLED: Duration = Duration::from_millis(100);
@@ -63,10 +70,12 @@ pub struct ExitReport {
     pub cameras: u64,
 }
 
-/// Stabilizes the camera's picture into the loopback until `stop` is set (and `wake` rung, so that it is seen at once).
+/// Stabilizes the camera's picture into the loopback, and for PipeWire companions, until `stop` is set (and `wake` rung, so that it is
+/// seen at once).
 ///
-/// The camera is open while somebody watches the loopback (or always, if the settings say so). One that is absent, busy or goes away
-/// is waited for; the loopback stays open meanwhile and shows a placeholder. A loopback that goes away is waited for as well.
+/// The camera is open while somebody watches either (or always, if the settings say so). One that is absent, busy or goes away
+/// is waited for; the loopback stays open meanwhile and shows a placeholder. A loopback that goes away is waited for as well, unless a
+/// companion is connected, which needs none.
 ///
 /// # Errors
 /// Where the loopback or the camera cannot do what is configured from the beginning and nobody manages this as a service: a
@@ -78,6 +87,8 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
     let memory = Memory::open(Systemd::state_directory().as_deref());
     let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let server = Server::open(&settings.control, Systemd::runtime_directory());
+    let pictures = companions::open(settings);
+    let served = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let watched = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let cameras = Cameras::default();
@@ -104,6 +115,12 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
             let watching = std::thread::Builder::new().name("cameras".into()).spawn_scoped(scope, watching);
             watching.map_err(|error| DeviceError::io("cameras thread", "start", error))?;
         }
+        let _served = RingAtEnd(&served);
+        if let Some(pictures) = &pictures {
+            let serving = || pictures.serve(&served, &|| companions::locate(settings, &cameras));
+            let serving = std::thread::Builder::new().name("pictures".into()).spawn_scoped(scope, serving);
+            serving.map_err(|error| DeviceError::io("pictures thread", "start", error))?;
+        }
         let mut life = Life {
             settings,
             desk,
@@ -111,6 +128,7 @@ pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, Dev
             wake,
             pulse: &pulse,
             memory: &memory,
+            companions: pictures.as_ref().map(share::Server::companions),
             hotplug,
             patient: systemd.listens(),
             born: Instant::now(),
@@ -138,25 +156,6 @@ impl Drop for RingAtEnd<'_> {
     }
 }
 
-/// A stream's frames as people say it: what did not happen is left out.
-fn in_words(totals: &Totals) -> String {
-    let Totals { frames_in, frames_out, stabilized, held, passed_through, damaged, cut, dropped, ref unusable } = *totals;
-    let mut words = format!("{frames_in} frames in, {frames_out} out");
-    for (count, what) in [
-        (stabilized, "stabilized"),
-        (held, "repeated"),
-        (passed_through, "uncorrected"),
-        (damaged, "unusable"),
-        (cut, "shown in part"),
-        (dropped, "given up for a newer one"),
-    ] {
-        if count > 0 {
-            words += &format!(", {count} {what}");
-        }
-    }
-    unusable.in_words(frames_in).map_or(words.clone(), |why| format!("{words}; {why}"))
-}
-
 /// Why the pipeline does not run.
 enum Ended {
     /// Nobody wants it to, for now or for good.
@@ -176,6 +175,8 @@ struct Life<'a> {
     wake: &'a Wake,
     pulse: &'a Pulse<'a>,
     memory: &'a Memory,
+    /// Those who take the picture to PipeWire, where they may.
+    companions: Option<&'a Companions>,
     hotplug: Option<Hotplug>,
     /// Nobody sits by: what does not work is waited for from the beginning.
     patient: bool,
@@ -255,14 +256,33 @@ impl Life<'_> {
                 _ => self.likely_format(),
             },
         };
-        match Screen::open(self.settings, &format, self.wake) {
+        if let (Some(companions), Some(camera)) = (self.companions, companions::locate(self.settings, self.cameras)) {
+            companions.camera_is(&camera);
+        }
+        match Screen::open(self.settings, &format, self.companions, self.wake) {
             Ok(screen) => {
                 tell_of(&screen, self.desk);
                 self.screen = Some(screen);
                 None
             }
+            Err(error) if self.await_companion(&error) => Some(Ended::Unwanted),
             Err(error) => Some(self.judge_screen(error)),
         }
+    }
+
+    /// At the beginning, where there is no loopback and nobody manages this as a service: gives a companion, which needs none, a moment
+    /// to connect. Says whether one did.
+    fn await_companion(&mut self, error: &DeviceError) -> bool {
+        let Some(companions) = self.companions.filter(|_| !self.patient && self.born.elapsed() < FOR_COMPANIONS) else {
+            return false;
+        };
+        if companions.connected() == 0 {
+            tracing::info!("{error}; or run gimbald pipewire in your session, which needs no loopback");
+        }
+        while !self.stop.is_set() && self.born.elapsed() < FOR_COMPANIONS && companions.connected() == 0 {
+            self.wake.wait(Duration::from_millis(20));
+        }
+        companions.connected() > 0
     }
 
     /// The format of a camera that cannot be asked: as configured, else as it was last time.
@@ -295,16 +315,16 @@ impl Life<'_> {
         self.report.cameras += 1;
         self.cameras.opened(camera.path());
         let format = camera.format();
-        if let Some(screen) = &self.screen
-            && !screen.fits(&format)
-            && !screen.audience.seats().are_taken()
-        {
+        if let Some(companions) = self.companions {
+            companions.camera_is(camera.path());
+        }
+        if self.screen.as_ref().is_some_and(|screen| !screen.suits(&format)) {
             // Nobody minds.
             self.screen = None;
         }
         let screen = match &mut self.screen {
             Some(screen) => screen,
-            none => match Screen::open(self.settings, &format, self.wake) {
+            none => match Screen::open(self.settings, &format, self.companions, self.wake) {
                 Ok(screen) => {
                     tell_of(&screen, self.desk);
                     none.insert(screen)
@@ -431,9 +451,9 @@ impl Life<'_> {
         if let Err(error) = screen.clear() {
             return Ended::ScreenWaits(error);
         }
-        let path = screen.loopback.path().display().to_string();
-        tracing::info!(loopback = %path, "nobody watches: the camera is closed");
-        self.pulse.doing(format!("nobody watches {path}: the camera is closed"), State::Idle);
+        let name = screen.name();
+        tracing::info!(output = %name, "nobody watches: the camera is closed");
+        self.pulse.doing(format!("nobody watches {name}: the camera is closed"), State::Idle);
         self.pulse.ready();
         self.backoff = Backoff::default();
         while !self.stop.is_set() && !self.is_wanted() {
@@ -441,7 +461,17 @@ impl Life<'_> {
             if let Err(error) = self.screen.as_mut().map_or(Ok(()), Screen::rest) {
                 return Ended::ScreenWaits(error);
             }
-            self.wake.wait(SHOW_EVERY);
+            let misses_loopback = self.screen.as_ref().is_some_and(|screen| screen.loopback.is_none());
+            match &self.hotplug {
+                Some(hotplug) if misses_loopback && hotplug.wait(self.wake, SHOW_EVERY) == News::Devices => {
+                    // It may be the loopback that came.
+                    self.wake.wait(SETTLED);
+                    self.screen = None;
+                    break;
+                }
+                Some(_) if misses_loopback => {}
+                _ => drop(self.wake.wait(SHOW_EVERY)),
+            }
             self.pulse.beat();
         }
         Ended::Unwanted
@@ -475,6 +505,9 @@ impl Life<'_> {
     /// Waits before the next try, longer each time; not when a device comes, goes or changes.
     fn wait(&mut self) {
         let mut until = Instant::now() + self.backoff.pause;
+        let companions = self.companions;
+        let connected = || companions.map_or(0, Companions::connected);
+        let before = connected();
         while !self.stop.is_set() {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -489,6 +522,9 @@ impl Life<'_> {
             self.pulse.beat();
             // What is wrong with the loopback is found out when it is needed.
             let _ = self.show();
+            if self.screen.is_none() && connected() > before {
+                break;
+            }
             if self.born.elapsed() > READY_WITHOUT_CAMERA {
                 self.pulse.ready();
             }
@@ -505,50 +541,8 @@ impl Life<'_> {
 
     /// The end. Who watches may wait for the next start of the service, and keeps the picture until then.
     fn leave(&mut self) {
-        if let Some(mut screen) = self.screen.take() {
-            if self.patient && screen.audience.seats().are_taken() {
-                screen.loopback.hand_over();
-            } else {
-                // What is left behind in the device is not what the camera saw.
-                let _ = screen.clear();
-            }
+        if let Some(screen) = self.screen.take() {
+            screen.leave(self.patient);
         }
     }
-}
-
-/// Says what is streamed where.
-fn told_stream(camera: &Capture, screen: &Screen) -> String {
-    let format = camera.format();
-    let (from, to) = (camera.path().display().to_string(), screen.loopback.path().display().to_string());
-    let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
-    tracing::info!(camera = %from, loopback = %to, %mode, "stabilizing");
-    format!("{from} ({mode}) to {to}")
-}
-
-/// A camera as the status tells it.
-fn camera_now(camera: &Capture) -> CameraNow {
-    let format = camera.format();
-    let (name, bus) = camera.name_and_bus();
-    CameraNow {
-        path: camera.path().display().to_string(),
-        name,
-        bus,
-        format: format.pixel.to_string(),
-        width: format.width,
-        height: format.height,
-        fps: format.rate(),
-    }
-}
-
-/// The loopback, and who watches it, for the status.
-fn tell_of(screen: &Screen, desk: &Desk) {
-    let format = screen.format();
-    let now = OutputNow {
-        path: screen.loopback.path().display().to_string(),
-        format: format.pixel.to_string(),
-        width: format.width,
-        height: format.height,
-    };
-    let seats = screen.audience.seats().clone();
-    desk.tally.output(now, Box::new(move || seats.count()));
 }

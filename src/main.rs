@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{bench, calibrate, check, demo, devices, doctor, record, replay, run, talk};
+use gimbald::command::{bench, calibrate, check, demo, devices, doctor, pipewire, record, replay, run, talk};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -19,6 +19,7 @@ fn main() -> ExitCode {
     let ended =
         kernel::Level::check_cap().map_err(|what| Failure::new(Exit::Usage, what)).and_then(|()| match &arguments.command {
             Command::Run(args) => run::run(args),
+            Command::Pipewire(args) => pipewire::run(args),
             Command::Status(args) => talk::status(args),
             Command::On(args) => talk::switch(args, true),
             Command::Off(args) => talk::switch(args, false),

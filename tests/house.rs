@@ -12,6 +12,9 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("frame", &["geometry", "image"]),
     ("stage", &["kernel", "frame", "geometry", "image"]),
     ("device", &["kernel", "frame", "image", "rt"]),
+    ("share", &["device", "kernel", "frame", "image", "rt"]),
+    ("pipewire", &["rt"]),
+    ("companion", &["pipewire", "share", "device", "kernel", "image", "rt"]),
     ("pipeline", &["stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     ("config", &["pipeline", "stage", "device", "image"]),
     ("report", &["config", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
@@ -20,13 +23,31 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("control", &["systemd", "log", "config", "pipeline", "frame", "geometry", "rt"]),
     (
         "daemon",
-        &["control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"],
+        &[
+            "share", "control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "frame", "geometry",
+            "image", "rt",
+        ],
     ),
     (
         "command",
         &[
-            "daemon", "control", "systemd", "log", "config", "report", "pipeline", "stage", "device", "kernel", "frame",
-            "geometry", "image", "rt",
+            "daemon",
+            "control",
+            "systemd",
+            "log",
+            "config",
+            "report",
+            "pipeline",
+            "stage",
+            "device",
+            "kernel",
+            "frame",
+            "geometry",
+            "image",
+            "rt",
+            "share",
+            "pipewire",
+            "companion",
         ],
     ),
 ];
@@ -43,7 +64,7 @@ const ABSENT: &[(&str, &[&str])] = &[
 ];
 
 /// The only places with `unsafe`.
-const UNSAFE: [&str; 2] = ["src/device/v4l2/", "src/kernel/"];
+const UNSAFE: [&str; 4] = ["src/device/v4l2/", "src/kernel/", "src/pipewire/", "src/share/memory.rs"];
 const LONGEST: usize = 600;
 const NO_NAMES: [&str; 5] = ["util", "utils", "helpers", "misc", "common"];
 

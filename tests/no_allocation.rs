@@ -204,3 +204,56 @@ fn no_frame_takes_memory_once_it_is_warm() {
         }
     }
 }
+
+/// The path of a picture to a companion: drawn into lent memory, told over the socket.
+#[test]
+fn a_picture_for_a_companion_takes_no_memory() {
+    use gimbald::image::{Picture, PixelFormat, Sampling};
+    use gimbald::rt::wake::Wake;
+    use gimbald::share::{Client, Heard, Server};
+    use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
+    use std::os::fd::AsFd;
+
+    let folder = std::env::temp_dir().join(format!("gimbald-no-allocation-{}", std::process::id()));
+    let server = Server::open(&folder).unwrap();
+    let companions = server.companions().clone();
+    let mut outlet = companions.outlet(&StreamFormat::tight(64, 48, PixelFormat::I420, (1, 30)));
+    companions.camera_is(std::path::Path::new("/dev/null"));
+    let (done, bell) = (Wake::new().unwrap(), Wake::new().unwrap());
+    let (ringing, path) = (done.clone(), server.path().to_path_buf());
+    companions.tell(&bell);
+    let serving = thread::spawn(move || server.serve(&ringing, &|| None));
+    let client = Client::connect(&path).unwrap();
+    let camera = std::fs::OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
+    client.watch(true, (64, 48), Some(camera.as_fd())).unwrap();
+    for id in 0..4 {
+        let fd = memfd_create(c"test", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).unwrap();
+        ftruncate(&fd, 2 * 64 * 48).unwrap();
+        fcntl_add_seals(&fd, SealFlags::SHRINK).unwrap();
+        client.lend(id, fd.as_fd()).unwrap();
+        client.free(id).unwrap();
+    }
+    let picture = Picture::new(Sampling::S420, 64, 48);
+    let (mut sent, mut most, begun) = (0, 0, std::time::Instant::now());
+    while sent < 200 {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{sent} pictures came");
+        let before = taken();
+        outlet.send(picture.as_ref(), &Stamp::default());
+        let took = taken() - before;
+        while let Ok(Some(said)) = client.hear() {
+            if let Heard::Frame { id, .. } = said {
+                sent += 1;
+                client.free(id).unwrap();
+            }
+        }
+        // The first ones meet a companion that just came.
+        if sent > 20 {
+            most = most.max(took);
+        }
+        thread::sleep(Duration::from_micros(500));
+    }
+    assert_eq!(most, 0, "a picture took memory {most} times");
+    done.ring();
+    serving.join().unwrap();
+    let _ = std::fs::remove_dir_all(&folder);
+}

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, bench, calibrate, check, demo, doctor, record, replay, run, talk};
+use super::{Exit, bench, calibrate, check, demo, doctor, pipewire, record, replay, run, talk};
 
 /// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
 #[derive(Debug, Parser)]
@@ -18,6 +18,8 @@ pub struct Arguments {
 pub enum Command {
     /// Stabilize a camera's picture into a loopback device, until told to stop: the service
     Run(run::Args),
+    /// Offer the service's picture as a PipeWire camera: the companion in a user's session
+    Pipewire(pipewire::Args),
     /// Say how the service does: devices, rate, latency, losses, what it found out
     Status(talk::StatusArgs),
     /// Have the service take the shake out again

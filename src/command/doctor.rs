@@ -2,6 +2,7 @@
 
 mod finding;
 pub(super) mod machine;
+mod pipewire;
 mod service;
 
 use std::path::{Path, PathBuf};
@@ -49,11 +50,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let (configured, settings) = configuration(&path, args.whom.config.is_some());
     let mut findings = vec![configured, processor()];
-    findings.extend(module(&machine));
+    findings.extend(module(&machine, settings.output.pipewire));
     let (daemon, status) = service::asked(&args.whom);
     let known = devices();
     findings.extend(output(&machine, &settings, &known, status.as_ref()));
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
+    let loopback = meant("output", &settings.output.device, Direction::Output, &known).ok().map(|(path, _)| path);
+    if settings.output.pipewire {
+        findings.extend(pipewire::looked_at(args.whom.instance.as_deref(), loopback.as_deref()));
+    }
     findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
     findings.push(daemon);
     findings.extend(status.iter().flat_map(service::frames));
@@ -111,8 +116,14 @@ fn processor() -> Finding {
     Finding::good("processor", format!("{} is used", best.name()))
 }
 
-fn module(machine: &Machine) -> Vec<Finding> {
+/// `pipewire`: whether pictures go to PipeWire as well, so that no loopback is needed.
+fn module(machine: &Machine, pipewire: bool) -> Vec<Finding> {
     let Some(version) = machine.loopback_version() else {
+        if pipewire {
+            let what = "v4l2loopback is not loaded: the picture goes to PipeWire alone. Programs that know V4L2 alone need the module: \
+                        sudo apt-get install v4l2loopback-dkms";
+            return vec![Finding::note("module", what)];
+        }
         return vec![if machine.has_loopback_module() {
             Finding::fault("module", "v4l2loopback is installed, but not loaded", LOAD)
         } else {
@@ -297,7 +308,8 @@ mod tests {
     #[test]
     fn without_the_module_it_says_how_to_get_it() {
         let nothing = Machine::at(Path::new("/no/such/root"));
-        let findings = module(&nothing);
+        assert!(module(&nothing, true).iter().all(|finding| finding.severity == Severity::Note), "PipeWire needs none");
+        let findings = module(&nothing, false);
         assert!(findings.len() == 1 && findings[0].mend.contains("apt-get install v4l2loopback-dkms"), "{findings:?}");
         assert_eq!(output(&nothing, &Settings::default(), &[], None).len(), 0, "said once");
         let camera = camera(&nothing, &Settings::default(), &[], None);

@@ -9,6 +9,7 @@ pub mod devices;
 pub mod doctor;
 mod exit;
 mod interrupt;
+pub mod pipewire;
 mod place;
 mod progress;
 pub mod record;

@@ -305,6 +305,13 @@ pub const KEYS: &[Key] = &[
         kind: switch!(output.create),
     },
     Key {
+        name: "output.pipewire",
+        unit: "",
+        doc: "Whether gimbald pipewire, run in a user's session, may offer the picture as a PipeWire camera; needs no loopback.",
+        live: false,
+        kind: switch!(output.pipewire),
+    },
+    Key {
         name: "output.on_demand",
         unit: "",
         doc: "Whether the camera is open, and its light on, only while a program watches; false keeps it running.",

@@ -58,10 +58,14 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     text.gauge("uptime_seconds", "For how long the daemon runs.", status.uptime_s);
     text.gauge("enabled", "Whether shake is taken out.", f64::from(u8::from(status.enabled)));
     if let Some(watched) = status.watched {
-        text.gauge("watched", "Whether somebody watches the loopback.", f64::from(u8::from(watched)));
+        text.gauge("watched", "Whether somebody watches the loopback or a PipeWire camera.", f64::from(u8::from(watched)));
     }
     if let Some(watchers) = status.watchers {
-        text.gauge("watchers", "How many programs watch the loopback, as far as v4l2loopback tells.", f64::from(watchers));
+        text.gauge(
+            "watchers",
+            "How many programs watch the loopback, as far as v4l2loopback tells, and PipeWire cameras that are watched.",
+            f64::from(watchers),
+        );
     }
     text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
     let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;

@@ -25,11 +25,11 @@ pub struct Status {
     pub enabled: bool,
     /// The camera that is open.
     pub camera: Option<CameraNow>,
-    /// The loopback that is open.
+    /// Where the picture goes: the loopback, or PipeWire alone.
     pub output: Option<OutputNow>,
-    /// Whether somebody watches the loopback; `None` where there is none.
+    /// Whether somebody watches the loopback or a PipeWire camera; `None` where there is neither.
     pub watched: Option<bool>,
-    /// How many do. v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
+    /// How many do: readers of the loopback, and PipeWire cameras that are watched (each by any number of programs). v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
     /// often any loopback device is open beside the daemon's own opening, which is no less.
     pub watchers: Option<u32>,
     /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
@@ -92,11 +92,11 @@ pub struct CameraNow {
     pub fps: f64,
 }
 
-/// An open loopback.
+/// An open output.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(default)]
 pub struct OutputNow {
-    /// Its node.
+    /// The loopback's node, or "PipeWire".
     pub path: String,
     /// Pixel format.
     pub format: String,

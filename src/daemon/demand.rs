@@ -13,6 +13,8 @@ const DOUBT_NS: i64 = 500_000_000;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demand {
     linger_ns: i64,
+    /// Whether brief visits may be those of programs that only look what cameras there are.
+    doubts: bool,
     watched: bool,
     /// When the present visit, or the time without one, began.
     since_ns: i64,
@@ -29,7 +31,21 @@ impl Demand {
     /// Nobody watches; the camera lingers for as long when somebody did.
     pub(super) fn new(linger: Duration) -> Self {
         let linger_ns = i64::try_from(linger.as_nanos()).unwrap_or(i64::MAX);
-        Self { linger_ns, watched: false, since_ns: 0, from_ns: 0, until_ns: i64::MIN, brief: 0, brief_ns: i64::MIN }
+        Self {
+            linger_ns,
+            doubts: true,
+            watched: false,
+            since_ns: 0,
+            from_ns: 0,
+            until_ns: i64::MIN,
+            brief: 0,
+            brief_ns: i64::MIN,
+        }
+    }
+
+    /// As [`Demand::new`], where every visit is one of somebody who watches.
+    pub(super) fn exact(linger: Duration) -> Self {
+        Self { doubts: false, ..Self::new(linger) }
     }
 
     /// Somebody watches or nobody does, at `now_ns`.
@@ -38,7 +54,7 @@ impl Demand {
             return;
         }
         if watched {
-            let doubted = self.brief >= 2 && now_ns.saturating_sub(self.brief_ns) < MEMORY_NS;
+            let doubted = self.doubts && self.brief >= 2 && now_ns.saturating_sub(self.brief_ns) < MEMORY_NS;
             self.from_ns = now_ns.saturating_add(if doubted { DOUBT_NS } else { 0 });
         } else {
             if now_ns.saturating_sub(self.since_ns) < BRIEF_NS {
@@ -102,6 +118,18 @@ mod tests {
         // Who stays is served, half a second late.
         let staying: Vec<_> = probes.iter().copied().take(4).chain([(120, 200)]).collect();
         assert_eq!(open(2, &staying, 240).into_iter().filter(|&t| t > 60).collect::<Vec<_>>(), (125..220).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn who_is_known_to_watch_is_served_at_once_however_often() {
+        let mut demand = Demand::exact(Duration::ZERO);
+        for visit in 0..20 {
+            let now = (100 + visit) * S;
+            demand.see(true, now);
+            assert!(demand.wants(now), "visit {visit}");
+            demand.see(false, now + S / 10);
+            assert!(!demand.wants(now + S / 10));
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The loopback with what is shown on it while no camera gives a picture, so that readers keep theirs.
+//! Where the picture goes: the loopback, PipeWire companions, or both; and what is shown while no camera gives a picture.
 
 use std::time::Duration;
 
@@ -10,6 +10,7 @@ use crate::frame::Stamp;
 use crate::image::{Picture, PictureMut, Sampling};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::wake::Wake;
+use crate::share::{Companions, Outlet, PIXEL};
 
 /// How often readers get a picture while the camera gives none. Browsers give a camera up after some ten seconds without.
 pub(super) const SHOW_EVERY: Duration = Duration::from_millis(500);
@@ -17,47 +18,83 @@ pub(super) const SHOW_EVERY: Duration = Duration::from_millis(500);
 /// For this long after the last picture (nanoseconds) it is shown again: most faults are over before.
 const BRIDGE_NS: i64 = 1_000_000_000;
 
-/// The loopback, and who watches it.
+/// The outputs, and who watches them.
 #[derive(Debug)]
 pub(super) struct Screen {
     // Before the loopback: its thread listens there.
     pub(super) audience: Audience,
-    pub(super) loopback: Loopback,
+    /// `None` where there is none and PipeWire does without.
+    pub(super) loopback: Option<Loopback>,
+    companions: Option<(Companions, Outlet)>,
+    format: StreamFormat,
+    /// Drawn into where there is no loopback.
+    canvas: Picture,
     placeholder: Picture,
     /// When the camera's last picture was sent.
     live_ns: i64,
 }
 
 impl Screen {
-    /// Opens the loopback in `format`'s size (even), rate and colours. A reader of the process before keeps its last picture for a
-    /// moment.
+    /// Opens the loopback in `format`'s size (even), rate and colours; in the size that a node's readers hold where they do. A reader of
+    /// the process before keeps its last picture for a moment. Where the loopback cannot be opened and companions are connected, PipeWire
+    /// is the only output.
     ///
     /// # Errors
     /// As [`Loopback::open`].
-    pub(super) fn open(settings: &Settings, format: &StreamFormat, wake: &Wake) -> Result<Self, DeviceError> {
+    pub(super) fn open(
+        settings: &Settings,
+        format: &StreamFormat,
+        companions: Option<&Companions>,
+        wake: &Wake,
+    ) -> Result<Self, DeviceError> {
+        let (width, height) = size_for(format, companions);
         let params = LoopbackParams {
             device: settings.output.device.clone(),
             pixel: settings.output.format,
-            width: format.width & !1,
-            height: format.height & !1,
+            width,
+            height,
             interval: format.interval,
             colour: format.planar().colour,
             buffers: 4,
             create: settings.output.create,
         };
-        let loopback = Loopback::open(&params)?;
-        let given = loopback.format();
-        let mut placeholder = Picture::new(Sampling::S420, given.width as usize, given.height as usize);
+        let loopback = match Loopback::open(&params) {
+            Ok(loopback) => Some(loopback),
+            Err(error) if companions.is_some_and(|companions| companions.connected() > 0) => {
+                tracing::info!("PipeWire is the only output: {error}");
+                None
+            }
+            Err(error) => return Err(error),
+        };
+        let alone = StreamFormat { colour: params.colour, ..StreamFormat::tight(width, height, PIXEL, format.interval) };
+        let given = loopback.as_ref().map_or(alone, FrameSink::format);
+        let picture = || Picture::new(Sampling::S420, given.width as usize, given.height as usize);
+        let mut placeholder = picture();
         placeholder::draw(&mut placeholder.as_mut());
+        let canvas = if loopback.is_none() { picture() } else { Picture::default() };
         let linger = Duration::try_from_secs_f64(settings.output.linger_s).unwrap_or_default();
-        let audience = Audience::follow(loopback.path(), linger, wake)?;
-        Ok(Self { audience, loopback, placeholder, live_ns: monotonic_ns() })
+        let audience = Audience::follow(loopback.as_ref().map(Loopback::path), companions, linger, wake)?;
+        let companions = companions.map(|companions| (companions.clone(), companions.outlet(&given)));
+        Ok(Self { audience, loopback, companions, format: given, canvas, placeholder, live_ns: monotonic_ns() })
     }
 
-    /// Whether the picture that the camera gives in `format` has this screen's size.
-    pub(super) fn fits(&self, format: &StreamFormat) -> bool {
-        let given = self.loopback.format();
-        (given.width, given.height) == (format.width & !1, format.height & !1)
+    /// Whether the picture that the camera gives in `format` belongs on this screen: it has its size, or those who watch hold that.
+    pub(super) fn suits(&self, format: &StreamFormat) -> bool {
+        let companions = self.companions.as_ref().map(|(companions, _)| companions);
+        let wanted = size_for(format, companions);
+        let held = companions.is_some_and(|companions| companions.held_size() == Some((self.format.width, self.format.height)));
+        (self.format.width, self.format.height) == wanted || held || self.audience.seats().at_loopback() > 0
+    }
+
+    /// Its names for people: the loopback's path, PipeWire.
+    pub(super) fn name(&self) -> String {
+        match (&self.loopback, &self.companions) {
+            (Some(loopback), Some((companions, _))) if companions.connected() > 0 => {
+                format!("{} and PipeWire", loopback.path().display())
+            }
+            (Some(loopback), _) => loopback.path().display().to_string(),
+            (None, _) => "PipeWire".into(),
+        }
     }
 
     /// Puts the placeholder into every buffer: nothing of what the camera saw is left for who comes next.
@@ -66,7 +103,8 @@ impl Screen {
     /// As [`FrameSink::submit`].
     pub(super) fn clear(&mut self) -> Result<(), DeviceError> {
         self.live_ns = i64::MIN;
-        (0..=self.loopback.buffers()).try_for_each(|_| self.show_placeholder())
+        let buffers = self.loopback.as_ref().map_or(0, Loopback::buffers);
+        (0..=buffers).try_for_each(|_| self.show_placeholder())
     }
 
     /// Once it was cleared, and until something else is sent: shows the same, as of now.
@@ -74,28 +112,50 @@ impl Screen {
     /// # Errors
     /// As [`FrameSink::submit`].
     pub(super) fn rest(&mut self) -> Result<(), DeviceError> {
-        self.loopback.renew()
+        self.loopback.as_mut().map_or(Ok(()), Loopback::renew)
     }
 
+    /// The end: who watches the loopback may wait for the next start of a service, and keeps the picture until then, if `resumes`.
+    pub(super) fn leave(mut self, resumes: bool) {
+        match &mut self.loopback {
+            Some(loopback) if resumes && self.audience.seats().at_loopback() > 0 => loopback.hand_over(),
+            // What is left behind in the device is not what the camera saw.
+            _ => drop(self.clear()),
+        }
+    }
+
+    /// Companions show their own, the same.
     fn show_placeholder(&mut self) -> Result<(), DeviceError> {
-        let canvas = self.loopback.canvas()?;
+        let Some(loopback) = &mut self.loopback else { return Ok(()) };
+        let canvas = loopback.canvas()?;
         canvas.planes.into_iter().zip(self.placeholder.as_ref().planes).for_each(|(mut to, from)| to.copy_from(from));
-        self.loopback.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() })
+        loopback.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() })
     }
 }
 
 impl FrameSink for Screen {
     fn format(&self) -> StreamFormat {
-        self.loopback.format()
+        self.format
     }
 
     fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
-        self.loopback.canvas()
+        match &mut self.loopback {
+            Some(loopback) => loopback.canvas(),
+            None => Ok(self.canvas.as_mut()),
+        }
     }
 
     fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
         self.live_ns = monotonic_ns();
-        self.loopback.submit(stamp)
+        if let Some((_, outlet)) = &mut self.companions
+            && outlet.is_wanted()
+        {
+            let drawn = self.loopback.as_ref().map_or_else(|| Some(self.canvas.as_ref()), Loopback::drawn);
+            if let Some(drawn) = drawn {
+                outlet.send(drawn, stamp);
+            }
+        }
+        self.loopback.as_mut().map_or(Ok(()), |loopback| loopback.submit(stamp))
     }
 
     fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
@@ -103,6 +163,14 @@ impl FrameSink for Screen {
     }
 
     fn idle(&mut self) -> Result<(), DeviceError> {
-        if monotonic_ns().saturating_sub(self.live_ns) < BRIDGE_NS { self.loopback.repeat() } else { self.show_placeholder() }
+        if monotonic_ns().saturating_sub(self.live_ns) >= BRIDGE_NS {
+            return self.show_placeholder();
+        }
+        self.loopback.as_mut().map_or(Ok(()), Loopback::repeat)
     }
+}
+
+/// The size of the picture: what a node's readers hold, else the camera's, made even.
+fn size_for(format: &StreamFormat, companions: Option<&Companions>) -> (u32, u32) {
+    companions.and_then(Companions::held_size).unwrap_or((format.width & !1, format.height & !1))
 }

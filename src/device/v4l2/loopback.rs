@@ -16,7 +16,7 @@ use super::find::candidates;
 use super::node::{Direction, Node, wish};
 use super::queue::Queue;
 use crate::frame::Stamp;
-use crate::image::{Colour, Picture, PictureMut, PixelFormat, RawLayout, Sampling};
+use crate::image::{Colour, Picture, PictureMut, PictureRef, PixelFormat, RawLayout, Sampling};
 use crate::kernel::{Level, convert::pack};
 use crate::rt::clock::monotonic_ns;
 
@@ -169,6 +169,14 @@ impl Loopback {
     /// their camera go.
     pub fn hand_over(&mut self) {
         self.handed_over = true;
+    }
+
+    /// What was drawn into the canvas that was lent last and not sent yet; `None` where the driver's buffer is too small for it.
+    pub fn drawn(&self) -> Option<PictureRef<'_>> {
+        let Some(index) = self.current.filter(|_| self.direct) else { return Some(self.spare.as_ref()) };
+        let StreamFormat { pixel, width, height, stride, .. } = self.format;
+        let planes = RawLayout::new(pixel, width, height, stride)?.planes(self.queue.bytes(index))?;
+        Some(PictureRef { sampling: Sampling::S420, planes })
     }
 
     /// Frames sent, and frames given up because the driver had no buffer free.

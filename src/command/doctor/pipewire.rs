@@ -1,0 +1,154 @@
+//! What can be said of PipeWire: its library, the companion, the node, and what browsers need to see it.
+
+use std::path::Path;
+use std::process::Command;
+
+use super::finding::Finding;
+use crate::pipewire::Library;
+
+/// The companion's unit.
+const UNIT: &str = "gimbald-pipewire.service";
+
+/// Where the package puts the rules that hide other nodes.
+const EXAMPLES: &str = "/usr/share/doc/gimbald/examples/wireplumber";
+
+/// What was seen of PipeWire.
+#[derive(Clone, Debug, Default)]
+struct Seen {
+    /// The library's version, or what is missing.
+    library: Option<Result<String, String>>,
+    /// Whether the user's PipeWire runs; `None` where nobody is logged in here (as with sudo).
+    runs: Option<bool>,
+    /// What `systemctl --user is-active` says of the companion; `None` where there is no such manager.
+    unit: Option<String>,
+    /// The objects that PipeWire has, where `pw-dump` is there to say so.
+    objects: Option<Vec<serde_json::Value>>,
+}
+
+/// Looks at PipeWire as this user has it.
+pub(super) fn looked_at(instance: Option<&str>, loopback: Option<&Path>) -> Vec<Finding> {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR");
+    let runs = runtime.map(|runtime| Path::new(&runtime).join("pipewire-0").exists());
+    let seen = Seen {
+        library: Some(Library::open().map(Library::version).map_err(|missing| missing.to_string())),
+        runs,
+        unit: runs.and_then(|_| said("systemctl", &["--user", "is-active", UNIT])).map(|state| state.trim().to_owned()),
+        objects: runs.filter(|runs| *runs).and_then(|_| said("pw-dump", &[])).map(|text| {
+            let lists = serde_json::Deserializer::from_str(&text).into_iter::<Vec<serde_json::Value>>();
+            lists.map_while(Result::ok).flatten().collect()
+        }),
+    };
+    judged(&seen, instance, loopback)
+}
+
+/// What a program writes to its standard output, whatever its exit code; `None` where it is not there.
+fn said(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).output().ok()?;
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<Finding> {
+    let note = |what: String| Finding::note("pipewire", what);
+    let version = match &seen.library {
+        Some(Ok(version)) => version,
+        Some(Err(missing)) => return vec![note(format!("no PipeWire camera: {missing}"))],
+        None => return Vec::new(),
+    };
+    match seen.runs {
+        None => {
+            return vec![note(
+                "PipeWire runs in a user's session: run gimbald doctor there, without sudo, to look at it".into(),
+            )];
+        }
+        Some(false) => return vec![note("PipeWire does not run in this session: there is no PipeWire camera here".into())],
+        Some(true) => {}
+    }
+    let node = match instance {
+        Some(instance) => format!("gimbald.{instance}"),
+        None => "gimbald".into(),
+    };
+    let nodes: Vec<&serde_json::Value> = seen.objects.iter().flatten().map(|object| &object["info"]["props"]).collect();
+    let mut findings = Vec::new();
+    let is_there = nodes.iter().any(|props| props["node.name"] == node.as_str());
+    match (is_there, seen.objects.is_some(), seen.unit.as_deref()) {
+        (true, ..) => findings.push(Finding::good("pipewire", format!("the camera {node} is there (PipeWire {version})"))),
+        (false, false, Some("active")) => {
+            findings.push(Finding::good("pipewire", format!("{UNIT} runs (PipeWire {version}); pw-dump would tell more")));
+        }
+        (false, true, Some("active")) => {
+            let what = format!("{UNIT} runs, but PipeWire has no camera {node}");
+            findings.push(Finding::advice("pipewire", what, format!("journalctl --user -u {UNIT} -n 30")));
+        }
+        (false, ..) => {
+            let what = format!("PipeWire runs, but no companion offers the camera {node}");
+            findings.push(Finding::advice("pipewire", what, format!("systemctl --user enable --now {UNIT}")));
+        }
+    }
+    if is_there {
+        findings.push(note(
+            "browsers: Chromium takes PipeWire cameras with --enable-features=WebRtcPipeWireCamera (chrome://flags), Firefox with \
+             media.webrtc.camera.allow-pipewire = true (about:config; some distributions set it)"
+                .into(),
+        ));
+    }
+    if let (Some(loopback), Some(_)) = (loopback, &seen.objects) {
+        let twin = nodes.iter().any(|props| props["api.v4l2.path"].as_str().is_some_and(|path| Path::new(path) == loopback));
+        findings.push(note(if twin {
+            format!("PipeWire also lists the loopback {}; rules in {EXAMPLES} hide it, and the real camera", loopback.display())
+        } else {
+            format!(
+                "PipeWire does not list the loopback {}: WirePlumber came before it had a writer. If a program wants it through \
+                 PipeWire: systemctl --user restart wireplumber",
+                loopback.display()
+            )
+        }));
+    }
+    findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Severity;
+    use super::*;
+
+    fn words(findings: &[Finding]) -> String {
+        findings.iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn each_state_has_its_words() {
+        let there = serde_json::json!({"info": {"props": {"node.name": "gimbald"}}});
+        let twin = serde_json::json!({"info": {"props": {"node.name": "v4l2_input.x", "api.v4l2.path": "/dev/video9"}}});
+        let seen = Seen {
+            library: Some(Ok("1.4.2".into())),
+            runs: Some(true),
+            unit: Some("active".into()),
+            objects: Some(vec![there, twin]),
+        };
+        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")));
+        let good = judge(&seen);
+        assert!(
+            good[0].severity == Severity::Good && good.iter().all(|finding| finding.severity <= Severity::Note),
+            "{good:?}"
+        );
+        let text = words(&good);
+        for part in ["WebRtcPipeWireCamera", "media.webrtc.camera.allow-pipewire", "lists the loopback /dev/video9"] {
+            assert!(text.contains(part), "{part} in {text}");
+        }
+        let missed = judged(&seen, None, Some(Path::new("/dev/video8")));
+        assert!(words(&missed).contains("restart wireplumber"));
+        let other = judged(&seen, Some("desk"), None);
+        assert!(other[0].severity == Severity::Advice && other[0].what.contains("gimbald.desk"), "{other:?}");
+        let stopped = judge(&Seen { unit: Some("inactive".into()), objects: Some(Vec::new()), ..seen.clone() });
+        assert!(stopped[0].mend.contains("enable --now gimbald-pipewire"), "{stopped:?}");
+        for (seen, part) in [
+            (Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() }, "install libpipewire"),
+            (Seen { runs: None, ..seen.clone() }, "without sudo"),
+            (Seen { runs: Some(false), ..seen.clone() }, "does not run"),
+        ] {
+            let findings = judge(&seen);
+            assert!(findings.len() == 1 && findings[0].severity == Severity::Note, "{findings:?}");
+            assert!(findings[0].what.contains(part), "{part} in {findings:?}");
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! A companion as the daemon sees it: what it said, what it proved, what it lends.
+
+use std::mem::MaybeUninit;
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use rustix::io::Errno;
+use rustix::net::{
+    RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags, SendFlags, Shutdown, recvmsg, send, shutdown,
+};
+
+use super::lease::{Canvas, Lease, MOST_LENT};
+use super::memory::Memory;
+use super::proof::CameraNode;
+use super::server::Closing;
+use super::wire::{Format, FromCompanion, FromDaemon, LONGEST, Refusal};
+
+/// Messages in a second, at most: one for each of 240 frames, and some.
+const MOST_MESSAGES: u32 = 1000;
+/// Messages that are heard in a row before others have their turn.
+const IN_A_ROW: usize = 32;
+/// Descriptors that one message can bring; the kernel allows no more. Those we did not take it would close in our place.
+const MOST_FDS: usize = 253;
+
+/// A connected companion.
+#[derive(Debug)]
+pub(super) struct Guest {
+    pub(super) lease: Arc<Lease>,
+    /// The size of its node, once it said so.
+    pub(super) size: Option<(u32, u32)>,
+    watched: bool,
+    proven: bool,
+    /// The numbers of what it lends, and those pieces that are neither free nor being drawn into.
+    lent: Vec<u64>,
+    resting: Vec<Canvas>,
+    /// The messages of this second.
+    counted: (Instant, u32),
+}
+
+impl Guest {
+    pub(super) fn new(socket: OwnedFd) -> Self {
+        let lease = Arc::new(Lease::new(socket));
+        let (lent, resting) = (Vec::with_capacity(MOST_LENT), Vec::with_capacity(MOST_LENT));
+        Self { lease, size: None, watched: false, proven: false, lent, resting, counted: (Instant::now(), 0) }
+    }
+
+    /// Whether somebody watches who may.
+    pub(super) fn watches(&self) -> bool {
+        self.watched && self.proven
+    }
+
+    pub(super) fn is_proven(&self) -> bool {
+        self.proven
+    }
+
+    pub(super) fn waits_for_proof(&self) -> bool {
+        self.watched && !self.proven
+    }
+
+    /// Says what pictures there are; where it is another camera, it has to prove itself again.
+    pub(super) fn tell(&mut self, format: &Format, other_camera: bool) {
+        if other_camera {
+            self.proven = false;
+        }
+        self.say(&FromDaemon::Format(format.clone()));
+        self.judge(Some(format));
+    }
+
+    /// Whoever does not read misses it; the next one to be told is not.
+    fn say(&self, message: &FromDaemon) {
+        let _ = send(&self.lease.socket, message.packet().bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+    }
+
+    /// Whether it gets pictures.
+    fn judge(&self, format: Option<&Format>) {
+        let fits = format.is_some_and(|format| self.size == Some((format.width, format.height)));
+        self.lease.live.store(self.watches() && fits, Ordering::Relaxed);
+    }
+
+    /// Hears what it has to say. An error is the reason to end the connection.
+    pub(super) fn hear(
+        &mut self,
+        camera: Option<&CameraNode>,
+        format: Option<&Format>,
+        closing: &Closing,
+    ) -> Result<(), String> {
+        for _ in 0..IN_A_ROW {
+            let Some((message, mut fds)) = self.receive(closing)? else { break };
+            let fd = fds.pop();
+            if !fds.is_empty() {
+                fds.into_iter().chain(fd).for_each(|fd| closing.close(fd));
+                return Err("it sent more than one descriptor".into());
+            }
+            self.obey(message, fd, camera, format, closing)?;
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, closing: &Closing) -> Result<Option<(FromCompanion, Vec<OwnedFd>)>, String> {
+        let mut bytes = [0; LONGEST];
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MOST_FDS))];
+        let mut ancillary = RecvAncillaryBuffer::new(&mut space);
+        let flags = RecvFlags::DONTWAIT | RecvFlags::CMSG_CLOEXEC;
+        let received = recvmsg(&self.lease.socket, &mut [std::io::IoSliceMut::new(&mut bytes)], &mut ancillary, flags);
+        let received = match received {
+            Ok(received) => received,
+            Err(Errno::AGAIN | Errno::INTR) => return Ok(None),
+            Err(errno) => return Err(errno.to_string()),
+        };
+        let mut fds = Vec::new();
+        for message in ancillary.drain() {
+            if let RecvAncillaryMessage::ScmRights(rights) = message {
+                fds.extend(rights);
+            }
+        }
+        if received.bytes == 0 && fds.is_empty() {
+            return Err("it hung up".into());
+        }
+        if self.counted.0.elapsed() >= Duration::from_secs(1) {
+            self.counted = (Instant::now(), 0);
+        }
+        self.counted.1 += 1;
+        let message = (!received.flags.contains(ReturnFlags::TRUNC) && self.counted.1 <= MOST_MESSAGES)
+            .then(|| FromCompanion::read(&bytes[..received.bytes]))
+            .flatten();
+        match message {
+            Some(message) => Ok(Some((message, fds))),
+            None => {
+                fds.into_iter().for_each(|fd| closing.close(fd));
+                Err("it sent what is no message, or too many".into())
+            }
+        }
+    }
+
+    fn obey(
+        &mut self,
+        message: FromCompanion,
+        fd: Option<OwnedFd>,
+        camera: Option<&CameraNode>,
+        format: Option<&Format>,
+        closing: &Closing,
+    ) -> Result<(), String> {
+        self.collect();
+        match (message, fd) {
+            (FromCompanion::Watch { on, size }, fd) => {
+                self.size = Some(size);
+                self.watched = on;
+                self.proven = match (fd, camera) {
+                    (Some(fd), Some(camera)) if camera.is_proven_by(&fd) => true,
+                    (Some(fd), _) => {
+                        closing.close(fd);
+                        false
+                    }
+                    (None, _) => false,
+                };
+                self.judge(format);
+                if self.waits_for_proof() {
+                    self.say(&FromDaemon::Refused(Refusal::Proof));
+                } else if on && !self.lease.live.load(Ordering::Relaxed) {
+                    self.say(&FromDaemon::Refused(Refusal::Size));
+                }
+            }
+            (FromCompanion::Lend { id }, Some(fd)) => {
+                let (width, height) = self.size.ok_or("it lent memory before it said for which size")?;
+                let bytes = super::wire::bytes(width, height).ok_or("it lent memory for an impossible size")?;
+                if self.lent.len() >= MOST_LENT || self.lent.contains(&id) {
+                    closing.close(fd);
+                    return Err("it lent too much memory".into());
+                }
+                match Memory::map(&fd, bytes) {
+                    Ok(memory) => {
+                        self.lent.push(id);
+                        self.resting.push(Canvas { id, memory });
+                    }
+                    Err(error) => {
+                        closing.close(fd);
+                        return Err(format!("its memory was refused: {error}"));
+                    }
+                }
+            }
+            (FromCompanion::Free { id }, None) => {
+                // One that was revoked or is free already changes nothing.
+                if let Some(at) = self.resting.iter().position(|canvas| canvas.id == id) {
+                    let _ = self.lease.empty.0.try_send(self.resting.swap_remove(at));
+                }
+            }
+            (FromCompanion::Revoke { id }, None) => {
+                self.lent.retain(|lent| *lent != id);
+                self.resting.retain(|canvas| canvas.id != id);
+                self.sift();
+            }
+            (_, fd) => {
+                fd.into_iter().for_each(|fd| closing.close(fd));
+                return Err("it sent a descriptor where none belongs, or none where one does".into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes back what the frame path drew into.
+    fn collect(&mut self) {
+        while let Ok(canvas) = self.lease.drawn.1.try_recv() {
+            if self.lent.contains(&canvas.id) {
+                self.resting.push(canvas);
+            }
+        }
+    }
+
+    /// Takes what was revoked out of what is free; the frame path may be drawing into it just now, and then leaves it to be collected.
+    fn sift(&mut self) {
+        for _ in 0..self.lease.empty.1.len() {
+            let Ok(canvas) = self.lease.empty.1.try_recv() else { break };
+            if self.lent.contains(&canvas.id) {
+                let _ = self.lease.empty.0.try_send(canvas);
+            }
+        }
+    }
+
+    /// The end of the connection. The lease is what the frame path may still have.
+    pub(super) fn leave(self) -> Arc<Lease> {
+        self.lease.live.store(false, Ordering::Relaxed);
+        let _ = shutdown(&self.lease.socket, Shutdown::Both);
+        self.lease
+    }
+}

@@ -1,0 +1,399 @@
+//! The daemon's side: a thread that takes companions in, checks what they give, and keeps account of who watches.
+
+use std::fs::{self, Permissions};
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Sender, TrySendError, bounded};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, bind, listen, socket_with};
+
+use super::guest::Guest;
+use super::lease::{Lease, Leases, Outlet};
+use super::proof::CameraNode;
+use super::wire::Format;
+use crate::device::StreamFormat;
+use crate::rt::wake::Wake;
+
+/// The socket's name in a runtime directory.
+const NAME: &str = "pictures.sock";
+
+/// Companions at a time. Whoever comes then takes the place of the one that has shown no proof for longest.
+const MOST_GUESTS: usize = 8;
+
+/// Connections in a second, at most; whoever comes then waits.
+const MOST_ARRIVALS: u32 = 50;
+
+/// How often the camera's node is looked for while somebody watches who could not prove anything: it may have been plugged in.
+const LOOK_FOR_CAMERA: Duration = Duration::from_secs(1);
+
+/// Descriptors that wait to be closed, at most.
+const MOST_CLOSING: usize = 64;
+
+/// Who watches which pictures through companions: the daemon's door to them. Clones are the same.
+#[derive(Clone, Debug)]
+pub struct Companions(Arc<Known>);
+
+#[derive(Debug)]
+struct Known {
+    leases: Arc<Leases>,
+    /// Rung when something of this changes.
+    bell: Wake,
+    asked: Mutex<Asked>,
+    connected: AtomicU32,
+    watching: AtomicU32,
+}
+
+#[derive(Debug, Default)]
+struct Asked {
+    /// Size and interval; `None` until it is known what pictures there are.
+    pictures: Option<(u32, u32, (u32, u32))>,
+    /// The camera's node; empty where there is none.
+    camera: PathBuf,
+    /// The size that is held by readers of companions.
+    held: Option<(u32, u32)>,
+    /// To be rung when the number of watchers changes.
+    listener: Option<Wake>,
+}
+
+impl Companions {
+    fn new() -> io::Result<Self> {
+        let (leases, bell) = (Arc::default(), Wake::new()?);
+        let asked = Mutex::default();
+        Ok(Self(Arc::new(Known { leases, bell, asked, connected: AtomicU32::new(0), watching: AtomicU32::new(0) })))
+    }
+
+    fn asked(&self) -> MutexGuard<'_, Asked> {
+        self.0.asked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A way to give pictures of that size and rate to all companions, which are told of it.
+    pub fn outlet(&self, format: &StreamFormat) -> Outlet {
+        let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
+        self.asked().pictures = Some((format.width, format.height, format.interval));
+        self.0.bell.ring();
+        Outlet::new(self.0.leases.clone(), MOST_GUESTS, format)
+    }
+
+    /// The camera's node is `path`: who proved something for another has to prove it again.
+    pub fn camera_is(&self, path: &Path) {
+        self.asked().camera = path.into();
+        self.0.bell.ring();
+    }
+
+    /// Companions that are connected.
+    pub fn connected(&self) -> u32 {
+        self.0.connected.load(Ordering::Relaxed)
+    }
+
+    /// Companions whose node somebody watches, and that may have the camera's pictures.
+    pub fn watching(&self) -> u32 {
+        self.0.watching.load(Ordering::Relaxed)
+    }
+
+    /// The size that a companion's readers hold, where they hold one.
+    pub fn held_size(&self) -> Option<(u32, u32)> {
+        self.asked().held
+    }
+
+    /// Rings `bell` whenever the number of [`Companions::watching`] changes; one bell at a time.
+    pub fn tell(&self, bell: &Wake) {
+        self.asked().listener = Some(bell.clone());
+    }
+
+    /// What companions are told.
+    fn format(&self) -> Option<Format> {
+        let asked = self.asked();
+        let (width, height, interval) = asked.pictures?;
+        // One that the camera does not tell is not needed exactly: it is nominal.
+        let interval = if interval.0 > 0 && interval.1 > 0 { interval } else { (1, 30) };
+        Some(Format { width, height, interval, camera: asked.camera.clone() })
+    }
+
+    fn set(&self, connected: usize, watching: usize, held: Option<(u32, u32)>) {
+        self.0.connected.store(connected as u32, Ordering::Relaxed);
+        let changed = self.0.watching.swap(watching as u32, Ordering::Relaxed) != watching as u32;
+        let mut asked = self.asked();
+        asked.held = held;
+        if changed && let Some(listener) = &asked.listener {
+            listener.ring();
+        }
+    }
+}
+
+/// The socket at which companions connect.
+#[derive(Debug)]
+pub struct Server {
+    listener: OwnedFd,
+    path: PathBuf,
+    /// Which file is ours: another daemon may have taken its name.
+    file: (u64, u64),
+    companions: Companions,
+}
+
+/// Where daemons have these sockets; each with its daemon's instance, which is empty for the one without a name. `runtime` is the
+/// user's runtime directory.
+pub fn socket_paths(runtime: Option<&Path>) -> Vec<(String, PathBuf)> {
+    let mut found = Vec::new();
+    for directory in [Some(Path::new("/run")), runtime].into_iter().flatten() {
+        for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let Some(rest) = name.to_str().and_then(|name| name.strip_prefix("gimbald")) else { continue };
+            let instance = match rest.strip_prefix('-') {
+                Some(instance) if !instance.is_empty() => instance,
+                None if rest.is_empty() => "",
+                _ => continue,
+            };
+            let path = entry.path().join(NAME);
+            if path.exists() {
+                found.push((instance.to_owned(), path));
+            }
+        }
+    }
+    found.sort();
+    // A daemon that the user runs comes after the system's of the same name.
+    found.dedup_by(|second, first| second.0 == first.0);
+    found
+}
+
+impl Server {
+    /// Listens in `directory`, the service's or user's runtime directory.
+    ///
+    /// # Errors
+    /// What stands in the way, and what to do.
+    pub fn open(directory: &Path) -> Result<Self, String> {
+        let path = directory.join(NAME);
+        let told = |what: &'static str| {
+            let path = path.display().to_string();
+            move |error: io::Error| format!("{path}: cannot {what}: {error}; output.pipewire = false does without")
+        };
+        fs::create_dir_all(directory).map_err(told("make its directory"))?;
+        // Made under a name of its own, then renamed: whatever was left there is replaced, and nobody finds a socket that refuses.
+        let fresh = directory.join(format!("{NAME}.{}", std::process::id()));
+        let _ = fs::remove_file(&fresh);
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let listener = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None);
+        let listener = listener.map_err(io::Error::from).map_err(told("make a socket"))?;
+        let address = SocketAddrUnix::new(&fresh).map_err(io::Error::from).map_err(told("listen there"))?;
+        bind(&listener, &address).map_err(io::Error::from).map_err(told("listen there"))?;
+        listen(&listener, 16).map_err(io::Error::from).map_err(told("listen there"))?;
+        // Who may have pictures is not told by the file's mode but by the proof.
+        fs::set_permissions(&fresh, Permissions::from_mode(0o666)).map_err(told("set its mode"))?;
+        let there = fs::symlink_metadata(&fresh).map_err(told("look at it"))?;
+        fs::rename(&fresh, &path).map_err(told("give it its name"))?;
+        let companions = Companions::new().map_err(told("make an event descriptor"))?;
+        Ok(Self { listener, path, file: (there.dev(), there.ino()), companions })
+    }
+
+    /// Where it listens.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Who is connected.
+    pub fn companions(&self) -> &Companions {
+        &self.companions
+    }
+
+    /// Serves companions until `done` rings. `locate` says where the camera is that would be opened, where none was open yet.
+    pub fn serve(&self, done: &Wake, locate: &dyn Fn() -> Option<PathBuf>) {
+        let Some(closing) = Closing::start() else {
+            tracing::warn!("no pictures for PipeWire: there is no thread left");
+            return;
+        };
+        let mut round = Round {
+            server: self,
+            closing,
+            guests: Vec::new(),
+            left: Vec::new(),
+            format: None,
+            camera: None,
+            looked: Instant::now(),
+            arrivals: (Instant::now(), 0),
+        };
+        while !done.hush() {
+            round.step(done, locate);
+        }
+        self.companions.0.leases.change(Vec::clear);
+        round.guests.into_iter().for_each(|guest| drop(guest.leave()));
+        self.companions.set(0, 0, None);
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if fs::symlink_metadata(&self.path).is_ok_and(|there| (there.dev(), there.ino()) == self.file) {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// The server's thread: what it knows from one turn to the next.
+struct Round<'a> {
+    server: &'a Server,
+    closing: Closing,
+    guests: Vec<Guest>,
+    /// Who went, as long as the frame path may still have them.
+    left: Vec<Arc<Lease>>,
+    format: Option<Format>,
+    camera: Option<CameraNode>,
+    looked: Instant,
+    /// Connections of this second.
+    arrivals: (Instant, u32),
+}
+
+impl Round<'_> {
+    /// Waits for something to do, and does it.
+    fn step(&mut self, done: &Wake, locate: &dyn Fn() -> Option<PathBuf>) {
+        let ready = self.wait(done);
+        self.server.companions.0.bell.hush();
+        self.look_for_camera(locate);
+        self.take_note();
+        let (closing, camera, format) = (&self.closing, self.camera.as_ref(), self.format.as_ref());
+        let mut gone = Vec::new();
+        for (index, guest) in self.guests.iter_mut().enumerate() {
+            let heard = ready.guests.get(index).copied().unwrap_or(false);
+            if heard && let Err(why) = guest.hear(camera, format, closing) {
+                gone.push((index, why));
+            }
+        }
+        for (index, why) in gone.into_iter().rev() {
+            self.see_off(index, &why);
+        }
+        if ready.listener {
+            self.take_in();
+        }
+        // The frame path lets go of those who went with its next frame.
+        let (free, still): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.left).into_iter().partition(|lease| Arc::strong_count(lease) == 1);
+        self.left = still;
+        free.into_iter().filter_map(Arc::into_inner).for_each(|lease| self.closing.close(lease.socket));
+        self.account();
+    }
+
+    fn wait(&mut self, done: &Wake) -> Ready {
+        if self.arrivals.0.elapsed() >= Duration::from_secs(1) {
+            self.arrivals = (Instant::now(), 0);
+        }
+        let crowded = self.arrivals.1 >= MOST_ARRIVALS;
+        let mut fds = vec![
+            PollFd::from_borrowed_fd(done.fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.server.companions.0.bell.fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.server.listener.as_fd(), if crowded { PollFlags::empty() } else { PollFlags::IN }),
+        ];
+        fds.extend(self.guests.iter().map(|guest| PollFd::from_borrowed_fd(guest.lease.socket.as_fd(), PollFlags::IN)));
+        let waits = crowded || self.guests.iter().any(Guest::waits_for_proof) || !self.left.is_empty();
+        let patience = waits.then(|| Timespec::try_from(LOOK_FOR_CAMERA).ok()).flatten();
+        if poll(&mut fds, patience.as_ref()).is_err() {
+            return Ready::default();
+        }
+        let rang = |fd: &PollFd<'_>| !fd.revents().is_empty();
+        Ready { listener: rang(&fds[2]), guests: fds[3..].iter().map(rang).collect() }
+    }
+
+    /// Somebody watches and could prove nothing, as it is not known where the camera is: looks for it.
+    fn look_for_camera(&mut self, locate: &dyn Fn() -> Option<PathBuf>) {
+        let lost = self.camera.as_ref().is_none_or(|camera| CameraNode::at(&camera.path).as_ref() != Some(camera));
+        if lost && self.guests.iter().any(Guest::waits_for_proof) && self.looked.elapsed() >= LOOK_FOR_CAMERA / 2 {
+            self.looked = Instant::now();
+            if let Some(path) = locate() {
+                self.server.companions.camera_is(&path);
+            }
+        }
+    }
+
+    /// Tells everybody where the pictures or the camera have changed.
+    fn take_note(&mut self) {
+        let Some(format) = self.server.companions.format() else { return };
+        let node = CameraNode::at(&format.camera);
+        let same_camera = node == self.camera;
+        if self.format.as_ref() == Some(&format) && same_camera {
+            return;
+        }
+        for guest in &mut self.guests {
+            guest.tell(&format, !same_camera);
+        }
+        (self.format, self.camera) = (Some(format), node);
+    }
+
+    fn take_in(&mut self) {
+        while self.arrivals.1 < MOST_ARRIVALS
+            && let Ok(socket) = accept_with(&self.server.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK)
+        {
+            self.arrivals.1 += 1;
+            if self.guests.len() >= MOST_GUESTS {
+                match self.guests.iter().position(|guest| !guest.is_proven()) {
+                    Some(index) => self.see_off(index, "another took its place"),
+                    None => continue,
+                }
+            }
+            if self.closing.is_stuck() {
+                continue;
+            }
+            let mut guest = Guest::new(socket);
+            if let Some(format) = &self.format {
+                guest.tell(format, false);
+            }
+            let lease = guest.lease.clone();
+            self.guests.push(guest);
+            self.server.companions.0.leases.change(|all| all.push(lease));
+            tracing::debug!("a companion has connected");
+        }
+    }
+
+    fn see_off(&mut self, index: usize, why: &str) {
+        let guest = self.guests.remove(index);
+        self.server.companions.0.leases.change(|all| all.retain(|lease| !Arc::ptr_eq(lease, &guest.lease)));
+        let (sent, dropped) = (guest.lease.sent.load(Ordering::Relaxed), guest.lease.dropped.load(Ordering::Relaxed));
+        if guest.is_proven() {
+            tracing::info!(sent, dropped, "a PipeWire companion has gone: {why}");
+        } else {
+            // Anybody can come and go: that must not fill the log.
+            tracing::debug!("a PipeWire companion has gone: {why}");
+        }
+        self.left.push(guest.leave());
+    }
+
+    fn account(&self) {
+        let watching = self.guests.iter().filter(|guest| guest.watches()).count();
+        let held = self.guests.iter().find(|guest| guest.watches()).and_then(|guest| guest.size);
+        self.server.companions.set(self.guests.len(), watching, held);
+    }
+}
+
+/// Who has something to say.
+#[derive(Default)]
+struct Ready {
+    listener: bool,
+    guests: Vec<bool>,
+}
+
+/// A thread that closes descriptors which strangers gave: closing one can take as long as its file system likes.
+#[derive(Debug)]
+pub(super) struct Closing(Sender<OwnedFd>);
+
+impl Closing {
+    pub(super) fn start() -> Option<Self> {
+        let (sender, receiver) = bounded::<OwnedFd>(MOST_CLOSING);
+        // Never joined: it may be stuck.
+        let run = move || receiver.into_iter().for_each(drop);
+        std::thread::Builder::new().name("closing".into()).spawn(run).ok().map(|_| Self(sender))
+    }
+
+    /// Closes it, by and by.
+    pub(super) fn close(&self, fd: OwnedFd) {
+        if let Err(TrySendError::Full(fd)) = self.0.try_send(fd) {
+            // It stays open: there are few of these, as nobody new is taken in.
+            std::mem::forget(fd);
+        }
+    }
+
+    fn is_stuck(&self) -> bool {
+        self.0.len() > MOST_CLOSING / 2
+    }
+}

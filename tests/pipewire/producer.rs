@@ -1,0 +1,104 @@
+//! A daemon as companions see it: numbered pictures at 30 a second, while somebody watches; a device that everybody may open stands for
+//! the camera.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, Ordering::Relaxed};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use gimbald::device::StreamFormat;
+use gimbald::frame::Stamp;
+use gimbald::image::{Picture, PixelFormat, Sampling};
+use gimbald::rt::clock::monotonic_ns;
+use gimbald::rt::wake::Wake;
+use gimbald::share::{Companions, Server};
+
+/// Numbers begin anew after as many; four of them fit into the bits of luma.
+pub const NUMBERS: u32 = 1 << 16;
+
+pub struct Producer {
+    pub companions: Companions,
+    pub number: Arc<AtomicU32>,
+    /// When each picture was sent, by its number.
+    pub sent_ns: Arc<Vec<AtomicI64>>,
+    over: Arc<AtomicBool>,
+    done: Wake,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// The name of the producer's instance: no daemon of this machine has it. One that is to come back has it from its environment.
+pub fn instance() -> String {
+    std::env::var("GIMBALD_TEST_INSTANCE").unwrap_or_else(|_| format!("test{}", std::process::id()))
+}
+
+pub fn node_name() -> String {
+    format!("gimbald.{}", instance())
+}
+
+/// The folder of the producer's socket in a session's runtime directory.
+fn place(runtime: &Path) -> PathBuf {
+    runtime.join(format!("gimbald-{}", instance()))
+}
+
+impl Producer {
+    pub fn start(runtime: &Path, (width, height): (u32, u32), first: u32) -> Self {
+        let server = Server::open(&place(runtime)).unwrap();
+        let companions = server.companions().clone();
+        let mut outlet = companions.outlet(&StreamFormat::tight(width, height, PixelFormat::I420, (1, 30)));
+        companions.camera_is(Path::new("/dev/null"));
+        let (done, over) = (Wake::new().unwrap(), Arc::new(AtomicBool::new(false)));
+        let number = Arc::new(AtomicU32::new(first));
+        let sent_ns: Arc<Vec<AtomicI64>> = Arc::new((0..NUMBERS).map(|_| AtomicI64::new(0)).collect());
+        let bell = done.clone();
+        let serving = std::thread::spawn(move || server.serve(&bell, &|| Some("/dev/null".into())));
+        let (ended, counted, times) = (over.clone(), number.clone(), sent_ns.clone());
+        let sending = std::thread::spawn(move || {
+            let mut picture = Picture::new(Sampling::S420, width as usize, height as usize);
+            let mut due = Instant::now();
+            while !ended.load(Relaxed) {
+                due += Duration::from_micros(33_333);
+                std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                if outlet.is_wanted() {
+                    let number = (counted.load(Relaxed) + 1) % NUMBERS;
+                    write_number(&mut picture, number);
+                    let now = monotonic_ns();
+                    times[number as usize].store(now, Relaxed);
+                    outlet.send(picture.as_ref(), &Stamp { time_ns: now, ..Stamp::default() });
+                    counted.store(number, Relaxed);
+                }
+            }
+        });
+        Self { companions, number, sent_ns, over, done, threads: vec![serving, sending] }
+    }
+
+    pub fn number(&self) -> u32 {
+        self.number.load(Relaxed)
+    }
+}
+
+impl Drop for Producer {
+    fn drop(&mut self) {
+        self.over.store(true, Relaxed);
+        self.done.ring();
+        self.threads.drain(..).for_each(|thread| thread.join().unwrap());
+    }
+}
+
+/// Sixteen pixels of the first row are the number's bits.
+fn write_number(picture: &mut Picture, number: u32) {
+    let mut canvas = picture.as_mut();
+    let row = canvas.planes[0].row_mut(0);
+    for bit in 0..16 {
+        row[bit] = if number >> bit & 1 == 1 { 235 } else { 16 };
+    }
+}
+
+/// The number in a picture of YUYV; `None` where it has none, as the dark picture.
+pub fn read_number(bytes: &[u8]) -> Option<u32> {
+    (0..16).try_fold(0, |number, bit| match bytes[2 * bit] {
+        235 => Some(number | 1 << bit),
+        16 => Some(number),
+        _ => None,
+    })
+}

@@ -1,0 +1,66 @@
+//! Readers of a node: GStreamer's, as programs use it.
+
+use std::io::Read;
+use std::process::Stdio;
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use gimbald::rt::clock::monotonic_ns;
+
+use super::producer::{node_name, read_number};
+use super::session::{Running, Session, until};
+
+/// A picture as it arrived: its number, where it has one, and when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    pub number: Option<u32>,
+    pub time_ns: i64,
+}
+
+pub struct Reader {
+    pub process: Running,
+    arrivals: Arc<Mutex<Vec<Arrival>>>,
+    _thread: JoinHandle<()>,
+}
+
+impl Reader {
+    /// Reads the test's node of that size.
+    pub fn start(session: &Session, (width, height): (u32, u32)) -> Self {
+        Self::with(session, (width, height), "video/x-raw")
+    }
+
+    /// The same, with GStreamer's words for what it wants.
+    pub fn with(session: &Session, (width, height): (u32, u32), wants: &str) -> Self {
+        let mut command = session.command("gst-launch-1.0");
+        let target = format!("target-object={}", node_name());
+        command.args(["-q", "pipewiresrc", &target, "!", wants, "!", "fdsink", "fd=1", "sync=false"]);
+        let log = std::fs::File::options().append(true).create(true).open(session.folder.join("reader.log")).unwrap();
+        let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
+        let mut stdout = child.stdout.take().unwrap();
+        let arrivals = Arc::new(Mutex::new(Vec::new()));
+        let seen = arrivals.clone();
+        let thread = std::thread::spawn(move || {
+            let mut bytes = vec![0; 2 * width as usize * height as usize];
+            while stdout.read_exact(&mut bytes).is_ok() {
+                seen.lock().unwrap().push(Arrival { number: read_number(&bytes), time_ns: monotonic_ns() });
+            }
+        });
+        Self { process: Running(child), arrivals, _thread: thread }
+    }
+
+    pub fn arrivals(&self) -> Vec<Arrival> {
+        self.arrivals.lock().unwrap().clone()
+    }
+
+    /// The numbers that arrived, each once, as they came.
+    pub fn numbers(&self) -> Vec<u32> {
+        let mut numbers: Vec<u32> = self.arrivals().iter().filter_map(|arrival| arrival.number).collect();
+        numbers.dedup();
+        numbers
+    }
+
+    /// Waits until a picture with a number above `number` arrived.
+    pub fn reaches(&self, number: u32) {
+        until(&format!("picture {number}"), || self.numbers().last().is_some_and(|last| *last > number));
+    }
+}
