@@ -1,14 +1,14 @@
 //! A life: devices, pipeline, READY, watch; the camera goes and comes back; STOPPING, and an end that leaves both devices usable.
 
-mod attended;
-mod audience;
+mod calibration_store;
 mod cameras;
 mod companions;
 mod demand;
-mod memory;
-mod pulse;
+mod heartbeat;
+mod monitored_source;
+mod output;
 mod recovery;
-mod screen;
+mod viewers;
 mod words;
 
 use std::sync::Arc;
@@ -17,25 +17,25 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 
 use crate::config::Settings;
-use crate::control::{Desk, Server, State};
+use crate::control::{DaemonState, Phase, Server};
 use crate::device::v4l2::{Capture, CaptureParams, Hotplug, News};
 use crate::device::{DeviceError, FrameSink, FrameSource, StreamFormat};
 use crate::image::PixelFormat;
 use crate::pipeline::{Params, run_live};
 use crate::rt::clock::monotonic_ns;
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 use crate::share::{self, Companions};
 use crate::systemd::Systemd;
-use attended::{Attended, Notes};
-use cameras::Cameras;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
-pub use memory::fuzz as fuzz_memory;
-use memory::{Memory, Mode};
-use pulse::{Pulse, attend};
-use recovery::{FormatsLeft, Recovery, Step};
-use screen::{SHOW_EVERY, Screen};
+pub use calibration_store::fuzz as fuzz_calibration_store;
+use calibration_store::{CalibrationStore, CameraMode};
+use cameras::Cameras;
+use heartbeat::{Heartbeat, run_watchdog};
+use monitored_source::{MonitoredSource, Notes};
+use output::{LiveOutput, SHOW_EVERY};
+use recovery::{Recovery, RejectedFormats, Step};
 use words::{camera_now, in_words, tell_of, told_stream};
 
 /// From the first try again to the slowest.
@@ -70,7 +70,7 @@ pub struct ExitReport {
     pub cameras: u64,
 }
 
-/// Stabilizes the camera's picture into the loopback, and for PipeWire companions, until `stop` is set (and `wake` rung, so that it is
+/// Stabilizes the camera's picture into the loopback, and for PipeWire companions, until `stop` is set (and `wake` notified, so that it is
 /// seen at once).
 ///
 /// The camera is open while somebody watches either (or always, if the settings say so). One that is absent, busy or goes away
@@ -80,101 +80,102 @@ pub struct ExitReport {
 /// # Errors
 /// Where the loopback or the camera cannot do what is configured from the beginning and nobody manages this as a service: a
 /// service waits, and says for what.
-pub fn run(desk: &Arc<Desk>, stop: &Stop, wake: &Wake) -> Result<ExitReport, DeviceError> {
+pub fn run(state: &Arc<DaemonState>, stop: &Stop, wake: &Notifier) -> Result<ExitReport, DeviceError> {
     let systemd = Systemd::from_env();
-    let settings = &desk.settings();
-    let pulse = Pulse::new(systemd, desk);
-    let memory = Memory::open(Systemd::state_directory().as_deref());
-    let done = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let settings = &state.settings();
+    let heartbeat = Heartbeat::new(systemd, state);
+    let store = CalibrationStore::open(Systemd::state_directory().as_deref());
+    let done = Notifier::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let server = Server::open(&settings.control, Systemd::runtime_directory());
     let pictures = companions::open(settings);
-    let served = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
-    let answered = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
-    let watched = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let served = Notifier::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let answered = Notifier::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+    let watched = Notifier::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
     let cameras = Cameras::default();
     std::thread::scope(|scope| {
         // Rings when this scope's own work ends, be it by a panic: the scope waits for its thread.
-        let _bell = RingAtEnd(&done);
-        if systemd.listens() || memory.keeps() {
-            let attending =
-                std::thread::Builder::new().name("watchdog".into()).spawn_scoped(scope, || attend(&pulse, &memory, &done));
+        let _done = NotifyOnDrop(&done);
+        if systemd.listens() || store.is_enabled() {
+            let attending = std::thread::Builder::new()
+                .name("watchdog".into())
+                .spawn_scoped(scope, || run_watchdog(&heartbeat, &store, &done));
             attending.map_err(|error| DeviceError::io("watchdog thread", "start", error))?;
         }
-        let _answered = RingAtEnd(&answered);
+        let _answered = NotifyOnDrop(&answered);
         if let Some(server) = &server {
-            let serving = || server.serve(desk, &answered);
+            let serving = || server.serve(state, &answered);
             let serving = std::thread::Builder::new().name("control".into()).spawn_scoped(scope, serving);
             serving.map_err(|error| DeviceError::io("control thread", "start", error))?;
         }
         let listen = || Hotplug::new().inspect_err(|error| tracing::warn!(%error, "devices that come are seen later")).ok();
         let hotplug = listen();
-        let _watched = RingAtEnd(&watched);
+        let _watched = NotifyOnDrop(&watched);
         if let Some(plugs) = listen() {
             let (cameras, watched) = (&cameras, &watched);
             let watching = move || cameras.watch(&plugs, watched);
             let watching = std::thread::Builder::new().name("cameras".into()).spawn_scoped(scope, watching);
             watching.map_err(|error| DeviceError::io("cameras thread", "start", error))?;
         }
-        let _served = RingAtEnd(&served);
+        let _served = NotifyOnDrop(&served);
         if let Some(pictures) = &pictures {
             let serving = || pictures.serve(&served, &|| companions::locate(settings, &cameras));
             let serving = std::thread::Builder::new().name("pictures".into()).spawn_scoped(scope, serving);
             serving.map_err(|error| DeviceError::io("pictures thread", "start", error))?;
         }
-        let mut life = Life {
+        let mut supervisor = Supervisor {
             settings,
-            desk,
+            state,
             stop,
             wake,
-            pulse: &pulse,
-            memory: &memory,
+            heartbeat: &heartbeat,
+            store: &store,
             companions: pictures.as_ref().map(share::Server::companions),
             hotplug,
             patient: systemd.listens(),
             born: Instant::now(),
-            screen: None,
+            output: None,
             cameras: &cameras,
             backoff: Backoff::default(),
             recovery: Recovery::new(),
-            formats_left: FormatsLeft::default(),
+            formats_left: RejectedFormats::default(),
             report: ExitReport::default(),
         };
-        let ended = life.live();
-        desk.tally.is_at(State::Stopping, "stopping");
+        let ended = supervisor.run();
+        state.metrics.set_phase(Phase::Stopping, "stopping");
         systemd.stopping();
-        life.leave();
-        let (frames, stabilized) = pulse.sent();
-        ended.map(|()| ExitReport { frames, stabilized, ..life.report })
+        supervisor.leave();
+        let (frames, stabilized) = heartbeat.sent();
+        ended.map(|()| ExitReport { frames, stabilized, ..supervisor.report })
     })
 }
 
-struct RingAtEnd<'a>(&'a Wake);
+struct NotifyOnDrop<'a>(&'a Notifier);
 
-impl Drop for RingAtEnd<'_> {
+impl Drop for NotifyOnDrop<'_> {
     fn drop(&mut self) {
-        self.0.ring();
+        self.0.notify();
     }
 }
 
 /// Why the pipeline does not run.
-enum Ended {
+enum StreamEnd {
     /// Nobody wants it to, for now or for good.
-    Unwanted,
+    NoViewers,
     /// The camera is not there now.
-    CameraWaits(DeviceError),
+    CameraUnavailable(DeviceError),
     /// The loopback is not there now.
-    ScreenWaits(DeviceError),
+    OutputUnavailable(DeviceError),
     /// What it needs will not come by waiting.
     Failed(DeviceError),
 }
 
-struct Life<'a> {
+struct Supervisor<'a> {
     settings: &'a Settings,
-    desk: &'a Desk,
+    state: &'a DaemonState,
     stop: &'a Stop,
-    wake: &'a Wake,
-    pulse: &'a Pulse<'a>,
-    memory: &'a Memory,
+    wake: &'a Notifier,
+    heartbeat: &'a Heartbeat<'a>,
+    store: &'a CalibrationStore,
     /// Those who take the picture to PipeWire, where they may.
     companions: Option<&'a Companions>,
     hotplug: Option<Hotplug>,
@@ -182,12 +183,12 @@ struct Life<'a> {
     patient: bool,
     born: Instant,
     /// Opened first and kept: who watches it never loses it.
-    screen: Option<Screen>,
+    output: Option<LiveOutput>,
     cameras: &'a Cameras,
     backoff: Backoff,
     /// What is done where the camera's frames cannot be used, and the formats that were left for that.
     recovery: Recovery,
-    formats_left: FormatsLeft,
+    formats_left: RejectedFormats,
     report: ExitReport,
 }
 
@@ -204,27 +205,27 @@ impl Default for Backoff {
     }
 }
 
-impl Life<'_> {
-    fn live(&mut self) -> Result<(), DeviceError> {
+impl Supervisor<'_> {
+    fn run(&mut self) -> Result<(), DeviceError> {
         while !self.stop.is_set() {
-            let sent = self.pulse.sent().0;
+            let sent = self.heartbeat.sent().0;
             let ended = self.go_on();
-            if self.pulse.sent().0 > sent {
+            if self.heartbeat.sent().0 > sent {
                 self.backoff = Backoff::default();
             }
             match ended {
-                Ended::Unwanted => {}
-                Ended::Failed(error) => return Err(error),
-                Ended::CameraWaits(error) => {
+                StreamEnd::NoViewers => {}
+                StreamEnd::Failed(error) => return Err(error),
+                StreamEnd::CameraUnavailable(error) => {
                     if matches!(error, DeviceError::Busy { .. }) {
                         self.backoff.pause = self.backoff.pause.min(BUSY);
                     }
                     self.tell(format!("waiting for the camera: {error}"));
                     self.wait();
                 }
-                Ended::ScreenWaits(error) => {
-                    self.screen = None;
-                    self.desk.tally.no_output();
+                StreamEnd::OutputUnavailable(error) => {
+                    self.output = None;
+                    self.state.metrics.clear_output();
                     self.tell(format!("waiting for the loopback: {error}"));
                     self.wait();
                 }
@@ -234,9 +235,9 @@ impl Life<'_> {
     }
 
     /// Opens what is missing and streams, or rests, until something ends it.
-    fn go_on(&mut self) -> Ended {
-        if self.screen.is_none()
-            && let Some(ended) = self.open_screen()
+    fn go_on(&mut self) -> StreamEnd {
+        if self.output.is_none()
+            && let Some(ended) = self.open_output()
         {
             return ended;
         }
@@ -244,29 +245,29 @@ impl Life<'_> {
     }
 
     /// Opens the loopback in the size that the camera would have, or in the likeliest where it cannot be asked. `None`: it is open.
-    fn open_screen(&mut self) -> Option<Ended> {
+    fn open_output(&mut self) -> Option<StreamEnd> {
         let probed = self.camera_params().and_then(|params| Capture::probe(&params));
         let format = match probed {
             Ok((format, path)) => {
                 self.cameras.opened(&path);
                 format
             }
-            Err(error) => match self.judge(error) {
-                Ended::Failed(error) => return Some(Ended::Failed(error)),
+            Err(error) => match self.classify_camera_error(error) {
+                StreamEnd::Failed(error) => return Some(StreamEnd::Failed(error)),
                 _ => self.likely_format(),
             },
         };
         if let (Some(companions), Some(camera)) = (self.companions, companions::locate(self.settings, self.cameras)) {
             companions.camera_is(&camera);
         }
-        match Screen::open(self.settings, &format, self.companions, self.wake) {
-            Ok(screen) => {
-                tell_of(&screen, self.desk);
-                self.screen = Some(screen);
+        match LiveOutput::open(self.settings, &format, self.companions, self.wake) {
+            Ok(output) => {
+                tell_of(&output, self.state);
+                self.output = Some(output);
                 None
             }
-            Err(error) if self.await_companion(&error) => Some(Ended::Unwanted),
-            Err(error) => Some(self.judge_screen(error)),
+            Err(error) if self.await_companion(&error) => Some(StreamEnd::NoViewers),
+            Err(error) => Some(self.classify_output_error(error)),
         }
     }
 
@@ -287,7 +288,7 @@ impl Life<'_> {
 
     /// The format of a camera that cannot be asked: as configured, else as it was last time.
     fn likely_format(&self) -> StreamFormat {
-        let (width, height, fps) = self.memory.latest().unwrap_or(USUAL);
+        let (width, height, fps) = self.store.latest().unwrap_or(USUAL);
         let asked = &self.settings.camera;
         let (width, height) = if asked.width > 0 && asked.height > 0 { (asked.width, asked.height) } else { (width, height) };
         let fps = if asked.fps > 0.0 { asked.fps } else { fps };
@@ -303,11 +304,12 @@ impl Life<'_> {
 
     /// Whether the camera should be open.
     fn is_wanted(&self) -> bool {
-        !self.settings.output.on_demand || self.screen.as_ref().is_some_and(|screen| screen.audience.seats().want_camera())
+        !self.settings.output.on_demand
+            || self.output.as_ref().is_some_and(|output| output.viewer_monitor.status().wants_camera())
     }
 
     /// Streams until something ends it.
-    fn stream(&mut self) -> Ended {
+    fn stream(&mut self) -> StreamEnd {
         let camera = match self.open_camera() {
             Ok(camera) => camera,
             Err(ended) => return ended,
@@ -318,50 +320,50 @@ impl Life<'_> {
         if let Some(companions) = self.companions {
             companions.camera_is(camera.path());
         }
-        if self.screen.as_ref().is_some_and(|screen| !screen.suits(&format)) {
+        if self.output.as_ref().is_some_and(|output| !output.suits(&format)) {
             // Nobody minds.
-            self.screen = None;
+            self.output = None;
         }
-        let screen = match &mut self.screen {
-            Some(screen) => screen,
-            none => match Screen::open(self.settings, &format, self.companions, self.wake) {
-                Ok(screen) => {
-                    tell_of(&screen, self.desk);
-                    none.insert(screen)
+        let output = match &mut self.output {
+            Some(output) => output,
+            none => match LiveOutput::open(self.settings, &format, self.companions, self.wake) {
+                Ok(output) => {
+                    tell_of(&output, self.state);
+                    none.insert(output)
                 }
-                Err(error) => return self.judge_screen(error),
+                Err(error) => return self.classify_output_error(error),
             },
         };
-        let what = told_stream(&camera, screen);
-        self.pulse.doing(what.clone(), State::Streaming);
+        let what = told_stream(&camera, output);
+        self.heartbeat.set_activity(what.clone(), Phase::Streaming);
         self.carry(camera, what)
     }
 
-    /// Carries the camera's frames to the screen, which is open.
-    fn carry(&mut self, mut camera: Capture, what: String) -> Ended {
-        let Some(screen) = &mut self.screen else { return Ended::Unwanted };
-        let known = self.memory.begin(Mode::of(&camera), self.settings.pipeline.camera);
-        let params = Params { camera: known, ..self.desk.live.params() };
-        self.desk.tally.camera(camera_now(&camera));
-        let mut observer = self.pulse;
-        let audience = self.settings.output.on_demand.then(|| screen.audience.seats().clone());
+    /// Carries the camera's frames to the output, which is open.
+    fn carry(&mut self, mut camera: Capture, what: String) -> StreamEnd {
+        let Some(output) = &mut self.output else { return StreamEnd::NoViewers };
+        let known = self.store.begin(CameraMode::of(&camera), self.settings.pipeline.camera);
+        let params = Params { camera: known, ..self.state.live.params() };
+        self.state.metrics.set_camera(camera_now(&camera));
+        let mut observer = self.heartbeat;
+        let viewers = self.settings.output.on_demand.then(|| output.viewer_monitor.status().clone());
         let (name, pixel, next_best) = (camera.name_and_bus(), camera.format().pixel, camera.next_best());
         self.recovery.begin(monotonic_ns(), next_best.is_some(), self.formats_left.any(&name));
-        let mut attended = Attended {
+        let mut monitored_source = MonitoredSource {
             camera: &mut camera,
-            pulse: self.pulse,
+            heartbeat: self.heartbeat,
             what,
-            audience,
+            viewers,
             recovery: &mut self.recovery,
             notes: Notes::default(),
             clock: monotonic_ns,
             failed: false,
             step: Step::GoOn,
         };
-        let ran = run_live(&mut attended, screen, &params, &self.desk.live, self.stop, &mut observer);
-        let (failed, step) = (attended.failed, attended.step);
-        self.desk.tally.no_camera();
-        self.memory.end(&self.pulse.take_calibration());
+        let ran = run_live(&mut monitored_source, output, &params, &self.state.live, self.stop, &mut observer);
+        let (failed, step) = (monitored_source.failed, monitored_source.step);
+        self.state.metrics.clear_camera();
+        self.store.end(&self.heartbeat.take_calibration());
         drop(camera);
         if self.recovery.works() {
             self.formats_left.forget(&name.0, &name.1, pixel);
@@ -370,20 +372,20 @@ impl Life<'_> {
             Ok(totals) => {
                 tracing::info!("the stream ended: {}", in_words(&totals));
                 self.choose_format(step, &name, pixel, next_best);
-                Ended::Unwanted
+                StreamEnd::NoViewers
             }
             Err(error) if failed => {
                 self.recovery = Recovery::new();
-                self.judge(error)
+                self.classify_camera_error(error)
             }
-            Err(error) => Ended::ScreenWaits(error),
+            Err(error) => StreamEnd::OutputUnavailable(error),
         }
     }
 
     /// After a stream of the camera of this `name` in the format `pixel` ended for `step`: which formats the next one may have.
     fn choose_format(&mut self, step: Step, name: &(String, String), pixel: PixelFormat, next_best: Option<PixelFormat>) {
         let why = || {
-            let (frames, reasons) = self.pulse.stream();
+            let (frames, reasons) = self.heartbeat.stream();
             reasons.in_words(frames).unwrap_or_else(|| "no frame came".into())
         };
         match (step, next_best) {
@@ -400,21 +402,21 @@ impl Life<'_> {
             }
             _ => self.recovery = Recovery::new(),
         }
-        self.desk.tally.formats_left(self.formats_left.told());
+        self.state.metrics.set_rejected_formats(self.formats_left.told());
     }
 
     /// The camera was not opened. Where it was to be opened with a format in place of another, it is opened with that one again.
-    fn not_opened(&mut self, error: DeviceError) -> Ended {
+    fn not_opened(&mut self, error: DeviceError) -> StreamEnd {
         if matches!(error, DeviceError::Unsupported { .. }) && self.formats_left.try_all_again() {
             tracing::warn!("all formats are tried again: {error}");
             self.recovery.goes_round();
         }
-        self.judge(error)
+        self.classify_camera_error(error)
     }
 
     /// Opens the camera, which may take its time; those who watch get their pictures meanwhile.
-    fn open_camera(&mut self) -> Result<Capture, Ended> {
-        let params = self.camera_params().map_err(Ended::CameraWaits)?;
+    fn open_camera(&mut self) -> Result<Capture, StreamEnd> {
+        let params = self.camera_params().map_err(StreamEnd::CameraUnavailable)?;
         let (wake, started) = (self.wake.clone(), Instant::now());
         let (done, opened) = bounded(1);
         std::thread::scope(|scope| {
@@ -422,10 +424,10 @@ impl Life<'_> {
                 let _ = done.send(Capture::open(&params, wake));
             };
             let opening = std::thread::Builder::new().name("opening".into()).spawn_scoped(scope, open);
-            opening.map_err(|error| Ended::CameraWaits(DeviceError::io("opening thread", "start", error)))?;
+            opening.map_err(|error| StreamEnd::CameraUnavailable(DeviceError::io("opening thread", "start", error)))?;
             loop {
                 if started.elapsed() < LONGEST_OPENING {
-                    self.pulse.beat();
+                    self.heartbeat.beat();
                 }
                 self.show()?;
                 match opened.recv_timeout(SHOW_EVERY) {
@@ -433,7 +435,7 @@ impl Life<'_> {
                     Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => {
                         let error = std::io::ErrorKind::Other.into();
-                        return Err(Ended::CameraWaits(DeviceError::io("camera", "open", error)));
+                        return Err(StreamEnd::CameraUnavailable(DeviceError::io("camera", "open", error)));
                     }
                 }
             }
@@ -441,61 +443,61 @@ impl Life<'_> {
     }
 
     /// Shows those who watch that they are not forgotten.
-    fn show(&mut self) -> Result<(), Ended> {
-        self.screen.as_mut().map_or(Ok(()), FrameSink::idle).map_err(Ended::ScreenWaits)
+    fn show(&mut self) -> Result<(), StreamEnd> {
+        self.output.as_mut().map_or(Ok(()), FrameSink::idle).map_err(StreamEnd::OutputUnavailable)
     }
 
     /// The camera is closed and nobody watches: waits until somebody does.
-    fn rest(&mut self) -> Ended {
-        let Some(screen) = &mut self.screen else { return Ended::Unwanted };
-        if let Err(error) = screen.clear() {
-            return Ended::ScreenWaits(error);
+    fn rest(&mut self) -> StreamEnd {
+        let Some(output) = &mut self.output else { return StreamEnd::NoViewers };
+        if let Err(error) = output.clear() {
+            return StreamEnd::OutputUnavailable(error);
         }
-        let name = screen.name();
+        let name = output.name();
         tracing::info!(output = %name, "nobody watches: the camera is closed");
-        self.pulse.doing(format!("nobody watches {name}: the camera is closed"), State::Idle);
-        self.pulse.ready();
+        self.heartbeat.set_activity(format!("nobody watches {name}: the camera is closed"), Phase::Idle);
+        self.heartbeat.ready();
         self.backoff = Backoff::default();
         while !self.stop.is_set() && !self.is_wanted() {
             // Who only looks in gets a picture as well, and who comes gets none that is old.
-            if let Err(error) = self.screen.as_mut().map_or(Ok(()), Screen::rest) {
-                return Ended::ScreenWaits(error);
+            if let Err(error) = self.output.as_mut().map_or(Ok(()), LiveOutput::rest) {
+                return StreamEnd::OutputUnavailable(error);
             }
-            let misses_loopback = self.screen.as_ref().is_some_and(|screen| screen.loopback.is_none());
+            let misses_loopback = self.output.as_ref().is_some_and(|output| output.loopback.is_none());
             match &self.hotplug {
                 Some(hotplug) if misses_loopback && hotplug.wait(self.wake, SHOW_EVERY) == News::Devices => {
                     // It may be the loopback that came.
                     self.wake.wait(SETTLED);
-                    self.screen = None;
+                    self.output = None;
                     break;
                 }
                 Some(_) if misses_loopback => {}
                 _ => drop(self.wake.wait(SHOW_EVERY)),
             }
-            self.pulse.beat();
+            self.heartbeat.beat();
         }
-        Ended::Unwanted
+        StreamEnd::NoViewers
     }
 
     /// Whether waiting can help against a camera's error. A camera that never worked as configured will not begin to.
-    fn judge(&self, error: DeviceError) -> Ended {
+    fn classify_camera_error(&self, error: DeviceError) -> StreamEnd {
         match error {
             DeviceError::Unsupported { .. } | DeviceError::Format { .. } if self.report.cameras == 0 && !self.patient => {
-                Ended::Failed(error)
+                StreamEnd::Failed(error)
             }
-            error => Ended::CameraWaits(error),
+            error => StreamEnd::CameraUnavailable(error),
         }
     }
 
     /// The same against the loopback's.
-    fn judge_screen(&self, error: DeviceError) -> Ended {
+    fn classify_output_error(&self, error: DeviceError) -> StreamEnd {
         let waits = self.patient || self.report.cameras > 0 || matches!(error, DeviceError::Busy { .. });
-        if waits { Ended::ScreenWaits(error) } else { Ended::Failed(error) }
+        if waits { StreamEnd::OutputUnavailable(error) } else { StreamEnd::Failed(error) }
     }
 
     /// Says once for each state, not for each try, what is waited for.
     fn tell(&mut self, state: String) {
-        self.pulse.doing(state.clone(), State::Waiting);
+        self.heartbeat.set_activity(state.clone(), Phase::Waiting);
         if state != self.backoff.told {
             tracing::warn!("{state}");
             self.backoff.told = state;
@@ -516,24 +518,24 @@ impl Life<'_> {
             }
             let news = match &self.hotplug {
                 Some(hotplug) => hotplug.wait(self.wake, left.min(SHOW_EVERY)),
-                None if self.wake.wait(left.min(SHOW_EVERY)) => News::Rung,
+                None if self.wake.wait(left.min(SHOW_EVERY)) => News::Notified,
                 None => News::Nothing,
             };
-            self.pulse.beat();
+            self.heartbeat.beat();
             // What is wrong with the loopback is found out when it is needed.
             let _ = self.show();
-            if self.screen.is_none() && connected() > before {
+            if self.output.is_none() && connected() > before {
                 break;
             }
             if self.born.elapsed() > READY_WITHOUT_CAMERA {
-                self.pulse.ready();
+                self.heartbeat.ready();
             }
             if news == News::Devices {
                 // Soon, but not at once: links and permissions follow the node.
                 self.backoff.pause = BACKOFF.0;
                 until = Instant::now() + SETTLED;
             }
-            if self.settings.output.on_demand && self.screen.is_some() && !self.is_wanted() {
+            if self.settings.output.on_demand && self.output.is_some() && !self.is_wanted() {
                 break;
             }
         }
@@ -541,8 +543,8 @@ impl Life<'_> {
 
     /// The end. Who watches may wait for the next start of the service, and keeps the picture until then.
     fn leave(&mut self) {
-        if let Some(screen) = self.screen.take() {
-            screen.leave(self.patient);
+        if let Some(output) = self.output.take() {
+            output.leave(self.patient);
         }
     }
 }

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Shot, film, in_time};
-use gimbald::control::Tally;
+use gimbald::control::Metrics;
 use gimbald::device::digest::DigestSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
@@ -127,7 +127,7 @@ impl FrameSink for WatchingSink {
 struct Looking {
     seen: u64,
     live: Arc<Live>,
-    tally: Tally,
+    metrics: Metrics,
 }
 
 impl Observer for Looking {
@@ -140,7 +140,7 @@ impl Observer for Looking {
     }
 
     fn sent(&mut self, frame: &Frame) {
-        self.tally.sent(frame);
+        self.metrics.sent(frame);
     }
 }
 
@@ -179,7 +179,7 @@ fn no_frame_takes_memory_once_it_is_warm() {
             let mut source = Watching { shots: shots.clone(), next: 0, live: pace == Some(Pace::Live), taken: [0; FRAMES] };
             let mut sink = WatchingSink { inner: DigestSink::new(&source.format()), taken: [0; FRAMES] };
             let (stop, mut looking) =
-                (Stop::default(), Looking { seen: 0, live: Arc::new(Live::new(&params)), tally: Tally::default() });
+                (Stop::default(), Looking { seen: 0, live: Arc::new(Live::new(&params)), metrics: Metrics::default() });
             let totals = match pace {
                 None => run_inline(&mut source, &mut sink, &params, &stop, &mut looking),
                 Some(Pace::Live) => {
@@ -209,7 +209,7 @@ fn no_frame_takes_memory_once_it_is_warm() {
 #[test]
 fn a_picture_for_a_companion_takes_no_memory() {
     use gimbald::image::{Picture, PixelFormat, Sampling};
-    use gimbald::rt::wake::Wake;
+    use gimbald::rt::notifier::Notifier;
     use gimbald::share::{Client, Heard, Server};
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
     use std::os::fd::AsFd;
@@ -219,9 +219,9 @@ fn a_picture_for_a_companion_takes_no_memory() {
     let companions = server.companions().clone();
     let mut outlet = companions.outlet(&StreamFormat::tight(64, 48, PixelFormat::I420, (1, 30)));
     companions.camera_is(std::path::Path::new("/dev/null"));
-    let (done, bell) = (Wake::new().unwrap(), Wake::new().unwrap());
+    let (done, notifier) = (Notifier::new().unwrap(), Notifier::new().unwrap());
     let (ringing, path) = (done.clone(), server.path().to_path_buf());
-    companions.tell(&bell);
+    companions.tell(&notifier);
     let serving = thread::spawn(move || server.serve(&ringing, &|| None));
     let client = Client::connect(&path).unwrap();
     let camera = std::fs::OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
@@ -253,7 +253,7 @@ fn a_picture_for_a_companion_takes_no_memory() {
         thread::sleep(Duration::from_micros(500));
     }
     assert_eq!(most, 0, "a picture took memory {most} times");
-    done.ring();
+    done.notify();
     serving.join().unwrap();
     let _ = std::fs::remove_dir_all(&folder);
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use gimbald::device::StreamFormat;
 use gimbald::frame::Stamp;
 use gimbald::image::{Picture, PixelFormat, Sampling};
-use gimbald::rt::wake::Wake;
+use gimbald::rt::notifier::Notifier;
 use gimbald::share::{Client, Companions, Format, Heard, Memory, Outlet, Refusal, Server};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::net::{
@@ -28,7 +28,7 @@ const CAMERA: &str = "/dev/null";
 struct Rig {
     folder: PathBuf,
     companions: Companions,
-    done: Wake,
+    done: Notifier,
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
@@ -36,9 +36,9 @@ impl Rig {
     fn new(name: &str, camera: Option<&'static str>) -> Self {
         let folder = std::env::temp_dir().join(format!("gimbald-share-{}-{name}", std::process::id()));
         let server = Server::open(&folder).unwrap();
-        let (companions, done) = (server.companions().clone(), Wake::new().unwrap());
-        let bell = done.clone();
-        let thread = std::thread::spawn(move || server.serve(&bell, &|| camera.map(PathBuf::from)));
+        let (companions, done) = (server.companions().clone(), Notifier::new().unwrap());
+        let notifier = done.clone();
+        let thread = std::thread::spawn(move || server.serve(&notifier, &|| camera.map(PathBuf::from)));
         Self { folder, companions, done, thread: Some(thread) }
     }
 
@@ -59,7 +59,7 @@ impl Rig {
 
 impl Drop for Rig {
     fn drop(&mut self) {
-        self.done.ring();
+        self.done.notify();
         self.thread.take().unwrap().join().unwrap();
         assert!(!self.path().exists(), "the socket goes with its server");
         let _ = std::fs::remove_dir_all(&self.folder);
@@ -404,13 +404,13 @@ fn a_second_daemon_takes_the_socket_over_and_the_first_leaves_it_alone() {
     let path = first.path();
     assert!(path.exists());
     let client = Client::connect(&path).unwrap();
-    first.done.ring();
+    first.done.notify();
     let companions = second.companions().clone();
-    let done = Wake::new().unwrap();
-    let bell = done.clone();
-    let thread = std::thread::spawn(move || second.serve(&bell, &|| None));
+    let done = Notifier::new().unwrap();
+    let notifier = done.clone();
+    let thread = std::thread::spawn(move || second.serve(&notifier, &|| None));
     until("the second has it", || companions.connected() == 1);
     drop(client);
-    done.ring();
+    done.notify();
     thread.join().unwrap();
 }

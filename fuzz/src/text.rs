@@ -1,8 +1,8 @@
 //! What people and programs write: configuration, `--set`, requests to a daemon, the file in which it keeps what it knows of cameras.
 
 use gimbald::config::{MOST_SHOWN, Settings, keys::KEYS};
-use gimbald::control::{Desk, LONGEST_REQUEST, Reply, Request, fuzz_reply};
-use gimbald::daemon::fuzz_memory;
+use gimbald::control::{DaemonState, LONGEST_REQUEST, Reply, Request, fuzz_reply};
+use gimbald::daemon::fuzz_calibration_store;
 use gimbald::systemd::Systemd;
 use std::sync::OnceLock;
 
@@ -45,18 +45,18 @@ fn can_be_written(settings: &Settings) {
 
 /// Requests to a daemon, one a line. Each gets one line of JSON that is not much longer than it.
 pub fn request(data: &[u8]) {
-    static DESK: OnceLock<Desk> = OnceLock::new();
-    let desk = DESK.get_or_init(|| {
+    static STATE: OnceLock<DaemonState> = OnceLock::new();
+    let state = STATE.get_or_init(|| {
         let file = "[crop]\nzoom = 1.2\n[camera]\ndevice = 3\n";
         let reread = || Settings::read(Some(("gimbald.toml", file)), &[]).map_err(|faults| faults.to_string());
-        Desk::new(Settings::default(), Systemd::nobody(), Box::new(reread))
+        DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(reread))
     });
     for line in data.split(|&byte| byte == b'\n') {
         let reply = match Request::read(line) {
             Ok(request) => {
                 assert_eq!(Request::read(request.line().as_bytes()).as_ref(), Ok(&request));
                 assert_eq!(Request::read(request.json().as_bytes()).as_ref(), Ok(&request));
-                fuzz_reply(&request, desk)
+                fuzz_reply(&request, state)
             }
             Err(error) => Reply::Refused(error.into()),
         };
@@ -71,6 +71,6 @@ pub fn request(data: &[u8]) {
 /// The file in which a daemon keeps what it knows of cameras.
 pub fn state(data: &[u8]) {
     if let Ok(text) = std::str::from_utf8(data) {
-        fuzz_memory(text);
+        fuzz_calibration_store(text);
     }
 }

@@ -21,7 +21,7 @@ use crate::config::Settings;
 use crate::device::v4l2::Capture;
 use crate::device::{FrameSource, replay};
 use crate::pipeline::Camera;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 use crate::stage::shutter::certainty::{self, Estimate};
 use footage::{Answer, Evenness, Footage, LEAST_MOTION_PX};
 use limited::Limited;
@@ -61,7 +61,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = args.settings.read()?;
     let input = args.input.clone().unwrap_or_else(|| settings.camera.device.clone().into());
-    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let stop = stop_on_signal(Some(wake.clone()))?;
     let recorded = is_recorded(&input);
     let seconds = args.seconds.unwrap_or(if recorded { SECONDS.1 } else { SECONDS.0 });
@@ -125,7 +125,7 @@ fn is_recorded(input: &Path) -> bool {
     input.as_os_str() == "-" || named || there
 }
 
-fn camera(settings: &Settings, input: &Path, wake: Wake) -> Result<Box<dyn FrameSource>, Failure> {
+fn camera(settings: &Settings, input: &Path, wake: Notifier) -> Result<Box<dyn FrameSource>, Failure> {
     let device = input.to_string_lossy().into_owned();
     if let Some(motion) = device.strip_prefix("synthetic:") {
         return Ok(Box::new(synthetic(motion)?));

@@ -3,7 +3,7 @@
 use super::interrupt;
 use super::{Exit, Failure};
 use crate::config::Level;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 use crate::{companion, log};
 
 /// Arguments of `pipewire`.
@@ -20,7 +20,7 @@ pub struct Args {
 /// Where PipeWire's library is not installed.
 pub fn run(args: &Args) -> Result<(), Failure> {
     log::begin(if args.debug { Level::Debug } else { Level::Info });
-    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let stop = interrupt::stop_on_signal(Some(wake.clone()))?;
     companion::run(&stop, &wake).map_err(|missing| Failure::new(Exit::Unavailable, missing.to_string()))
 }

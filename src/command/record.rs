@@ -16,7 +16,7 @@ use crate::frame::FrameFlags;
 use crate::image::Picture;
 use crate::pipeline::{Decoder, Reasons};
 use crate::rt::clock::monotonic_ns;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// A camera that gave nothing for this long will not.
 pub(super) const PATIENCE: Duration = Duration::from_secs(15);
@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = format!("{}: recordings end in .{RECORDING}; name it so", args.output.display());
         return Err(Failure::new(Exit::Usage, what));
     }
-    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let stop = stop_on_signal(Some(wake.clone()))?;
     let mut source: Box<dyn FrameSource> = match camera.device.strip_prefix("synthetic:") {
         Some(motion) => Box::new(synthetic(motion)?),

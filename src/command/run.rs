@@ -6,9 +6,9 @@ use signal_hook::iterator::Handle;
 
 use super::signals::Signals;
 use super::{Exit, Failure, SettingsArgs};
-use crate::control::Desk;
+use crate::control::DaemonState;
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 use crate::systemd::Systemd;
 use crate::{daemon, log};
 
@@ -27,20 +27,20 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = args.settings.read()?;
     log::begin(settings.log.level);
-    let wake = Wake::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
+    let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let again = args.settings.clone();
     let reread = Box::new(move || again.read_again().map_err(|failure| failure.message));
-    let desk = Arc::new(Desk::new(settings, Systemd::from_env(), reread));
-    desk.warn_of_retired(&desk.settings());
+    let state = Arc::new(DaemonState::new(settings, Systemd::from_env(), reread));
+    state.warn_of_retired(&state.settings());
     let stop = Stop::default();
     let mut signals = Signals::catch()?;
     let report = std::thread::scope(|scope| {
         // also where a panic ends it: the scope waits for its thread
         let _closing = CloseAtEnd(signals.handle());
-        let listen = || signals.listen(&stop, &wake, || _ = desk.reload_soon(true));
+        let listen = || signals.listen(&stop, &wake, || _ = state.reload_soon(true));
         let listening = std::thread::Builder::new().name("signals".into()).spawn_scoped(scope, listen);
         match listening {
-            Ok(_) => daemon::run(&desk, &stop, &wake).map_err(Failure::from),
+            Ok(_) => daemon::run(&state, &stop, &wake).map_err(Failure::from),
             Err(error) => Err(Failure::new(Exit::Io, format!("cannot start a thread for signals: {error}"))),
         }
     })?;

@@ -4,8 +4,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals as Caught};
 
 use super::{Exit, Failure};
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 
 /// The signals, caught.
 pub(super) struct Signals(Caught);
@@ -25,15 +25,15 @@ impl Signals {
         self.0.handle()
     }
 
-    /// Listens until the handle is closed. The first wish to end sets `stop` and rings `wake`; the second ends the process.
-    pub(super) fn listen(&mut self, stop: &Stop, wake: &Wake, reload: impl Fn()) {
+    /// Listens until the handle is closed. The first wish to end sets `stop` and notifies `wake`; the second ends the process.
+    pub(super) fn listen(&mut self, stop: &Stop, wake: &Notifier, reload: impl Fn()) {
         for signal in self.0.forever() {
             match signal {
                 SIGHUP => reload(),
                 _ if stop.is_set() => std::process::exit(Exit::Interrupted.code().into()),
                 _ => {
                     stop.set();
-                    wake.ring();
+                    wake.notify();
                 }
             }
         }

@@ -13,8 +13,8 @@ use super::daemons;
 use super::still::Still;
 use crate::pipewire::{Library, Node, NodeParams, Slot, State};
 use crate::rt::clock::monotonic_ns;
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 use crate::share::{Client, Format, Heard, Refusal};
 
 /// Size and interval of a node whose daemon was never heard.
@@ -58,7 +58,7 @@ pub(super) struct Camera {
     library: &'static Library,
     instance: String,
     runtime: Option<PathBuf>,
-    bell: Wake,
+    notifier: Notifier,
     params: NodeParams,
     node: Option<Node>,
     node_due: Instant,
@@ -86,7 +86,7 @@ pub(super) struct Camera {
 }
 
 impl Camera {
-    pub(super) fn new(library: &'static Library, instance: &str, runtime: Option<PathBuf>, bell: Wake) -> Self {
+    pub(super) fn new(library: &'static Library, instance: &str, runtime: Option<PathBuf>, notifier: Notifier) -> Self {
         let (width, height, interval) = USUAL;
         let (name, description) = match instance {
             "" => ("gimbald".to_owned(), "gimbald".to_owned()),
@@ -98,7 +98,7 @@ impl Camera {
             library,
             instance: instance.to_owned(),
             runtime,
-            bell,
+            notifier,
             still: Still::new(&params),
             params,
             node: None,
@@ -120,7 +120,7 @@ impl Camera {
         }
     }
 
-    /// Until `stop` is set and its bell rung.
+    /// Until `stop` is set and its notifier notified.
     pub(super) fn live(mut self, stop: &Stop) {
         while !stop.is_set() {
             self.wait();
@@ -151,12 +151,12 @@ impl Camera {
             }
         }
         let left = due.into_iter().min().unwrap_or(now).saturating_duration_since(now);
-        let mut fds = vec![PollFd::from_borrowed_fd(self.bell.fd(), PollFlags::IN)];
+        let mut fds = vec![PollFd::from_borrowed_fd(self.notifier.fd(), PollFlags::IN)];
         fds.extend(self.client.iter().map(|client| PollFd::from_borrowed_fd(client.fd(), PollFlags::IN)));
         // An interrupting signal is like a timeout.
         let _ = poll(&mut fds, Timespec::try_from(left).ok().as_ref());
         if !fds[0].revents().is_empty() {
-            self.bell.hush();
+            self.notifier.clear();
         }
     }
 
@@ -264,7 +264,7 @@ impl Camera {
         }
         self.params = self.wanted();
         self.still = Still::new(&self.params);
-        match Node::new(self.library, &self.params, &self.bell) {
+        match Node::new(self.library, &self.params, &self.notifier) {
             Ok(node) => {
                 let NodeParams { width, height, .. } = self.params;
                 self.tell(About::PipeWire, format!("the node is there, {width}x{height}"));

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::pipewire::{Library, Missing};
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 use crate::share::socket_paths;
 use camera::Camera;
 
@@ -24,37 +24,37 @@ const WITHOUT_DAEMON: Duration = Duration::from_secs(3);
 /// Nodes, at most: one for each daemon.
 const MOST_NODES: usize = 16;
 
-/// Keeps a node for each daemon until `stop` is set and `wake` rung.
+/// Keeps a node for each daemon until `stop` is set and `wake` notified.
 ///
 /// # Errors
 /// Where PipeWire's library, or what it needs, is not installed. A PipeWire that does not run is waited for.
-pub fn run(stop: &Stop, wake: &Wake) -> Result<(), Missing> {
+pub fn run(stop: &Stop, wake: &Notifier) -> Result<(), Missing> {
     let library = Library::open()?;
     tracing::info!("PipeWire's library is version {}", library.version());
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_absolute());
     let started = Instant::now();
     std::thread::scope(|scope| {
-        let mut bells: Vec<(String, Wake)> = Vec::new();
+        let mut notifiers: Vec<(String, Notifier)> = Vec::new();
         while !stop.is_set() {
             let mut found: Vec<String> = daemons(runtime.as_deref()).into_iter().map(|(instance, _)| instance).collect();
-            if found.is_empty() && bells.is_empty() && started.elapsed() >= WITHOUT_DAEMON {
+            if found.is_empty() && notifiers.is_empty() && started.elapsed() >= WITHOUT_DAEMON {
                 found.push(String::new());
             }
             for instance in found {
-                if bells.len() >= MOST_NODES || bells.iter().any(|(known, _)| *known == instance) {
+                if notifiers.len() >= MOST_NODES || notifiers.iter().any(|(known, _)| *known == instance) {
                     continue;
                 }
-                let Ok(bell) = Wake::new() else { continue };
-                let camera = Camera::new(library, &instance, runtime.clone(), bell.clone());
+                let Ok(notifier) = Notifier::new() else { continue };
+                let camera = Camera::new(library, &instance, runtime.clone(), notifier.clone());
                 let live = move || camera.live(stop);
                 match std::thread::Builder::new().name("node".into()).spawn_scoped(scope, live) {
-                    Ok(_) => bells.push((instance, bell)),
+                    Ok(_) => notifiers.push((instance, notifier)),
                     Err(error) => tracing::warn!(%error, "no thread for another node"),
                 }
             }
             wake.wait(LOOK_EVERY);
         }
-        bells.iter().for_each(|(_, bell)| bell.ring());
+        notifiers.iter().for_each(|(_, notifier)| notifier.notify());
     });
     Ok(())
 }

@@ -1,35 +1,35 @@
-//! From a request to its reply: what the desk does about it.
+//! From a request to its reply: what the daemon does with it.
 
 use std::time::Instant;
 
 use super::notices::About;
-use super::{Applied, Desk, RefusalKind, Reply, Request, exposition};
+use super::{Applied, DaemonState, RefusalKind, Reply, Request, exposition};
 
 /// Does what is asked. `who` asked, for the log. [`Request::Reload`] takes as long as the configuration file does.
-pub(super) fn answer(request: &Request, desk: &Desk, who: &str) -> Reply {
+pub(super) fn answer(request: &Request, state: &DaemonState, who: &str) -> Reply {
     match request {
-        Request::Status => Reply::Status { status: Box::new(desk.status()) },
-        Request::Prometheus => Reply::Metrics { text: exposition::text(&desk.status(), &desk.tally) },
-        Request::On => set(desk, "stabilize.enabled=true", who),
-        Request::Off => set(desk, "stabilize.enabled=false", who),
-        Request::Set(assignment) => set(desk, &assignment.to_string(), who),
-        Request::Reload => match desk.reload() {
+        Request::Status => Reply::Status { status: Box::new(state.status()) },
+        Request::Prometheus => Reply::Metrics { text: exposition::text(&state.status(), &state.metrics) },
+        Request::On => set(state, "stabilize.enabled=true", who),
+        Request::Off => set(state, "stabilize.enabled=false", who),
+        Request::Set(assignment) => set(state, &assignment.to_string(), who),
+        Request::Reload => match state.reload() {
             Ok(applied) => Reply::Applied(applied),
             Err(error) => Reply::refused(RefusalKind::Configuration, error),
         },
     }
 }
 
-fn set(desk: &Desk, assignment: &str, who: &str) -> Reply {
-    match desk.set(assignment) {
+fn set(state: &DaemonState, assignment: &str, who: &str) -> Reply {
+    match state.set(assignment) {
         Ok(applied) => {
-            if !applied.changed.is_empty() && desk.may_say(About::Change, Instant::now()) {
-                tracing::info!("set by {who}: {}", listed(desk, &applied));
+            if !applied.changed.is_empty() && state.may_say(About::Change, Instant::now()) {
+                tracing::info!("set by {who}: {}", listed(state, &applied));
             }
             Reply::Applied(applied)
         }
         Err(error) => {
-            if desk.may_say(About::Refusal, Instant::now()) {
+            if state.may_say(About::Refusal, Instant::now()) {
                 tracing::warn!("refused to {who}: {error}");
             }
             Reply::refused(RefusalKind::Setting, error)
@@ -38,8 +38,8 @@ fn set(desk: &Desk, assignment: &str, who: &str) -> Reply {
 }
 
 /// The new values, as they were understood: what a client writes may hold anything.
-fn listed(desk: &Desk, applied: &Applied) -> String {
-    applied.changed.iter().map(|key| format!("{key}={}", desk.shown(key))).collect::<Vec<_>>().join(", ")
+fn listed(state: &DaemonState, applied: &Applied) -> String {
+    applied.changed.iter().map(|key| format!("{key}={}", state.shown(key))).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -48,15 +48,15 @@ pub(super) mod tests {
     use crate::config::Settings;
     use crate::systemd::Systemd;
 
-    /// A desk without a file.
-    pub(in super::super) fn bare_desk() -> Desk {
-        Desk::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
+    /// A state without a file.
+    pub(in super::super) fn bare_state() -> DaemonState {
+        DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
     }
 
     #[test]
     fn each_request_has_its_reply() {
-        let desk = bare_desk();
-        let ask = |line: &str| answer(&Request::read(line.as_bytes()).unwrap(), &desk, "a test");
+        let state = bare_state();
+        let ask = |line: &str| answer(&Request::read(line.as_bytes()).unwrap(), &state, "a test");
         let Reply::Status { status } = ask("status") else { panic!("no status") };
         assert_eq!((status.state.as_str(), status.enabled, status.pid), ("starting", true, std::process::id()));
         assert_eq!(status.settings["crop.zoom"], "1.1");
@@ -64,7 +64,7 @@ pub(super) mod tests {
         assert_eq!(ask("off"), changed("stabilize.enabled"));
         assert_eq!(ask("off"), Reply::Applied(Applied::default()));
         assert_eq!(ask("set crop.zoom = 1.25"), changed("crop.zoom"));
-        assert_eq!(desk.live.params().crop.zoom, 1.25);
+        assert_eq!(state.live.params().crop.zoom, 1.25);
         assert!(matches!(ask("prometheus"), Reply::Metrics { text } if text.contains("gimbald_enabled 0")));
         assert_eq!(ask("on"), changed("stabilize.enabled"));
         for (wrong, kind, what) in [
@@ -80,10 +80,10 @@ pub(super) mod tests {
 
     #[test]
     fn whatever_is_set_the_reply_is_one_short_line() {
-        let desk = bare_desk();
+        let state = bare_state();
         for text in ["a\nb=c", "crop.zoom=\"\"\"\n1\n\"\"\"", "\u{2028}=", "\u{0}=\u{0}", &format!("a={}", "x".repeat(100_000))]
         {
-            let line = answer(&Request::Set(text.parse().unwrap()), &desk, "a test").line();
+            let line = answer(&Request::Set(text.parse().unwrap()), &state, "a test").line();
             assert!(line.matches('\n').count() == 1 && line.len() < 2000, "{line}");
         }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::tally::{AGE_BOUNDS_MS, State, Tally};
+use super::metrics::{AGE_BOUNDS_MS, Metrics, Phase};
 use super::{Drops, Found, Frames, Status};
 use crate::pipeline::Reason;
 
@@ -43,7 +43,7 @@ fn escaped(text: &str) -> String {
 }
 
 /// All metrics of a daemon.
-pub(super) fn text(status: &Status, tally: &Tally) -> String {
+pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     let mut text = Text(String::new());
     text.family("info", "gauge", "Version, and the devices that are open.");
     let (camera, output) = (status.camera.clone().unwrap_or_default(), status.output.clone().unwrap_or_default());
@@ -51,7 +51,7 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
         [("version", &status.version), ("camera", &camera.path), ("camera_name", &camera.name), ("output", &output.path)];
     text.value("info", &labels.map(|(label, value)| (label, value.as_str())), 1.0);
     text.family("state", "gauge", "1 for what the daemon is at.");
-    for state in State::ALL {
+    for state in Phase::ALL {
         text.value("state", &[("state", state.name())], f64::from(u8::from(state.name() == status.state)));
     }
     text.gauge("state_seconds", "For how long it has been at that.", status.since_s);
@@ -87,7 +87,7 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
     text.count("stream_restarts_total", "Times a camera's stream was stopped and started because it failed.", restarts);
     text.count("cameras_opened_total", "Times a camera was opened.", status.cameras_opened);
     text.family("latency_seconds", "histogram", "Age of frames when they were sent.");
-    let (ages, sum_s) = tally.ages();
+    let (ages, sum_s) = metrics.ages();
     let mut below = 0;
     for (count, bound_ms) in ages.iter().zip(AGE_BOUNDS_MS) {
         below += count;
@@ -115,23 +115,23 @@ pub(super) fn text(status: &Status, tally: &Tally) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::CameraNow;
+    use crate::control::CameraInfo;
     use crate::frame::Frame;
     use crate::rt::clock::monotonic_ns;
 
     #[test]
     fn every_line_is_help_type_or_a_number_of_a_family_that_was_told() {
-        let tally = Tally::default();
+        let metrics = Metrics::default();
         let mut frame = Frame::default();
         for age_ms in [5, 20, 20, 5000] {
             frame.stamp.time_ns = monotonic_ns() - age_ms * 1_000_000;
-            tally.sent(&frame);
+            metrics.sent(&frame);
         }
-        tally.camera(CameraNow { name: "a \"b\"\\\nc".into(), ..CameraNow::default() });
+        metrics.set_camera(CameraInfo { name: "a \"b\"\\\nc".into(), ..CameraInfo::default() });
         let mut status = Status::default();
-        tally.tell(&mut status);
+        metrics.fill(&mut status);
         status.unusable_frames.insert("damaged".into(), 7);
-        let text = text(&status, &tally);
+        let text = text(&status, &metrics);
         let mut family = "";
         for line in text.lines() {
             if let Some(rest) = line.strip_prefix("# TYPE ") {

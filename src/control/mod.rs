@@ -1,8 +1,8 @@
 //! What people say to a daemon that runs, and what it tells them: settings, counts, a socket.
 //!
-//! A [`Desk`] is shared by all threads of a daemon. The frame path writes its [`Tally`] (atomic numbers alone) and looks at its
+//! A [`DaemonState`] is shared by all threads of a daemon. The frame path writes its [`Metrics`] (atomic numbers alone) and looks at its
 //! [`Live`](crate::pipeline::Live) settings. Requests are answered on the [`Server`]'s thread, which waits for no client and for no
-//! file: the configuration is read on a thread of its own ([`Desk::reload_soon`]).
+//! file: the configuration is read on a thread of its own ([`DaemonState::reload_soon`]).
 //!
 //! # Protocol
 //! A Unix stream socket. A request is one line of UTF-8 text, at most [`LONGEST_REQUEST`] bytes and a line end (`\n`, or `\r\n`). Its
@@ -35,10 +35,11 @@
 mod allowance;
 mod answer;
 mod client;
-mod desk;
+mod daemon_state;
 mod exposition;
 mod folder;
 mod ledger;
+mod metrics;
 mod notices;
 mod reload;
 mod reply;
@@ -47,22 +48,21 @@ mod server;
 mod session;
 mod socket;
 mod status;
-mod tally;
 
 pub use allowance::Rate;
 pub use client::{ClientError, Connection};
-pub use desk::{Applied, Desk, Reread};
+pub use daemon_state::{Applied, DaemonState, Reread};
 pub use ledger::Rules;
+pub use metrics::{Losses, Metrics, Phase};
 pub use reply::{Refusal, RefusalKind, Reply};
 pub use request::{Assignment, LONGEST_REQUEST, Request, RequestError};
 pub use server::Server;
 pub use socket::{Place, default_paths};
-pub use status::{CameraNow, Drops, FormatLeft, Found, Frames, OutputNow, Spread, Status, Unusable};
-pub use tally::{Lost, State, Tally};
+pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, RejectedFormat, Spread, Status, Unusable};
 
 /// Does what a client asks, and gives its reply. A door for the fuzz targets alone.
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
-pub fn fuzz_reply(request: &Request, desk: &Desk) -> Reply {
-    answer::answer(request, desk, "the fuzzer")
+pub fn fuzz_reply(request: &Request, state: &DaemonState) -> Reply {
+    answer::answer(request, state, "the fuzzer")
 }

@@ -6,8 +6,8 @@ use std::time::Instant;
 use crossbeam_channel::Sender;
 
 use super::allowance::{Allowance, Rate};
-use super::{Applied, Desk};
-use crate::rt::wake::Wake;
+use super::{Applied, DaemonState};
+use crate::rt::notifier::Notifier;
 
 /// Readings a second, at most; askers who are more share one.
 const READINGS: Rate = Rate { per_second: 40.0, burst: 20.0 };
@@ -17,11 +17,11 @@ const READINGS: Rate = Rate { per_second: 40.0, burst: 20.0 };
 pub(super) struct Reloaded {
     /// Everybody whose ticket is at most this has his answer.
     pub(super) ticket: u64,
-    /// What [`Desk::reload`] says.
+    /// What [`DaemonState::reload`] says.
     pub(super) result: Result<Applied, String>,
 }
 
-/// The readings of a desk.
+/// The pending and running configuration reloads.
 #[derive(Debug, Default)]
 pub(super) struct Reloads(Mutex<Readings>);
 
@@ -36,8 +36,8 @@ struct Readings {
     /// Whether one of those who wait for the next reading has nothing but the log to learn from that nothing changed.
     aloud: bool,
     allowance: Option<Allowance>,
-    /// Who is told, and the bell to ring then.
-    listener: Option<(Sender<Reloaded>, Wake)>,
+    /// Who is told, and the notifier for it.
+    listener: Option<(Sender<Reloaded>, Notifier)>,
 }
 
 impl Reloads {
@@ -45,8 +45,8 @@ impl Reloads {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells from now on `sender` what comes of each reading, and rings `wake`.
-    pub(super) fn listen(&self, sender: Sender<Reloaded>, wake: Wake) {
+    /// Tells from now on `sender` what comes of each reading, and notifies `wake`.
+    pub(super) fn listen(&self, sender: Sender<Reloaded>, wake: Notifier) {
         self.readings().listener = Some((sender, wake));
     }
 
@@ -54,7 +54,7 @@ impl Reloads {
         if let Some((sender, wake)) = &self.readings().listener {
             // Where nobody listens any more, nobody waits either.
             let _ = sender.send(told);
-            wake.ring();
+            wake.notify();
         }
     }
 
@@ -79,7 +79,7 @@ impl Reloads {
     }
 }
 
-impl Desk {
+impl DaemonState {
     /// Has the configuration read again soon, on another thread, and returns the ticket of that reading: one that begins after this
     /// call, so that it sees what is in the file now. What comes of it is in the log, and told to whoever listens; that nothing changed is
     /// in the log where somebody wants it `aloud`, who gets no answer.
@@ -95,12 +95,12 @@ impl Desk {
         }
         readings.busy = true;
         drop(readings);
-        let desk = self.clone();
+        let state = self.clone();
         // Nobody joins it: a file system that does not answer must not keep the daemon from ending.
         let thread = std::thread::Builder::new().name("reload".into()).spawn(move || {
-            while let Some((ticket, aloud)) = desk.reloads.begin() {
-                let result = desk.reload_and_say(aloud);
-                desk.reloads.tell(Reloaded { ticket, result });
+            while let Some((ticket, aloud)) = state.reloads.begin() {
+                let result = state.reload_and_say(aloud);
+                state.reloads.tell(Reloaded { ticket, result });
             }
         });
         if let Err(error) = thread {
@@ -138,15 +138,15 @@ mod tests {
             may_go_on.recv().map_err(|_| "over".to_owned())?;
             Ok(Settings::default())
         };
-        let desk = Arc::new(Desk::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(read)));
         let (sender, told) = unbounded();
-        let wake = Wake::new().unwrap();
-        desk.reloads.listen(sender, wake.clone());
-        let first = desk.reload_soon(false);
+        let wake = Notifier::new().unwrap();
+        state.reloads.listen(sender, wake.clone());
+        let first = state.reload_soon(false);
         has_begun.recv_timeout(LONG).unwrap();
-        let second = desk.reload_soon(false);
+        let second = state.reload_soon(false);
         assert!(second > first);
-        assert!((0..1000).all(|_| desk.reload_soon(false) == second), "they share it");
+        assert!((0..1000).all(|_| state.reload_soon(false) == second), "they share it");
         go_on.send_timeout((), LONG).unwrap();
         assert_eq!(told.recv_timeout(LONG).unwrap().ticket, first);
         assert!(wake.wait(LONG));
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!((reloaded.ticket, reloaded.result), (second, Ok(Applied::default())));
         assert_eq!(count.load(Relaxed), 2);
         drop(go_on);
-        let third = desk.reload_soon(false);
+        let third = state.reload_soon(false);
         let reloaded = told.recv_timeout(LONG).unwrap();
         assert_eq!((reloaded.ticket, reloaded.result), (third, Err("over".into())));
     }
@@ -168,11 +168,11 @@ mod tests {
             counted.fetch_add(1, Relaxed);
             Ok(Settings::default())
         };
-        let desk = Arc::new(Desk::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(read)));
         let begun = Instant::now();
         let mut asked = 0;
         while begun.elapsed() < Duration::from_millis(500) {
-            asked = desk.reload_soon(false);
+            asked = state.reload_soon(false);
         }
         assert!(asked > 0);
         let most = READINGS.burst + READINGS.per_second * begun.elapsed().as_secs_f64() + 1.0;

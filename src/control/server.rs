@@ -15,9 +15,9 @@ use super::ledger::Ledger;
 use super::notices::About;
 use super::reload::Reloaded;
 use super::session::{At, Peer, Session, dismiss};
-use super::{Desk, Place, RefusalKind, Reply, Request, Rules, socket};
+use super::{DaemonState, Place, RefusalKind, Reply, Request, Rules, socket};
 use crate::config::Control;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// After a failure to accept a connection (no descriptor left), none is accepted for so long.
 const REST: Duration = Duration::from_millis(200);
@@ -30,7 +30,7 @@ pub struct Server {
     place: Place,
     rules: Rules,
     /// Rings when the configuration has been read.
-    reloaded: Wake,
+    reloaded: Notifier,
 }
 
 impl Server {
@@ -68,17 +68,17 @@ impl Server {
     /// # Errors
     /// Where the process has no descriptor left.
     pub fn new(place: Place, rules: Rules) -> io::Result<Self> {
-        Ok(Self { place, rules, reloaded: Wake::new()? })
+        Ok(Self { place, rules, reloaded: Notifier::new()? })
     }
 
-    /// Answers until `done` rings.
-    pub fn serve(&self, desk: &Arc<Desk>, done: &Wake) {
+    /// Answers until `done` is notified.
+    pub fn serve(&self, state: &Arc<DaemonState>, done: &Notifier) {
         let (sender, reloaded) = unbounded();
-        desk.reloads.listen(sender, self.reloaded.clone());
+        state.reloads.listen(sender, self.reloaded.clone());
         let now = Instant::now();
         let mut serving = Serving {
             server: self,
-            desk,
+            state,
             reloaded,
             ledger: Ledger::new(&self.rules, now),
             accepted: Allowance::new(self.rules.accepted, now),
@@ -94,7 +94,7 @@ impl Server {
             serving.tell_reloaded(now);
             serving.answer(now);
             serving.end_late(now);
-            desk.settle_notices(now);
+            state.settle_notices(now);
         }
     }
 }
@@ -110,7 +110,7 @@ struct Ready {
 /// What the loop goes round with.
 struct Serving<'a> {
     server: &'a Server,
-    desk: &'a Arc<Desk>,
+    state: &'a Arc<DaemonState>,
     reloaded: Receiver<Reloaded>,
     ledger: Ledger,
     accepted: Allowance,
@@ -121,7 +121,7 @@ struct Serving<'a> {
 
 impl Serving<'_> {
     /// Waits until there is something to do; `None` where it is to end.
-    fn wait(&mut self, done: &Wake) -> Option<Ready> {
+    fn wait(&mut self, done: &Notifier) -> Option<Ready> {
         let now = Instant::now();
         self.resting = self.resting.filter(|until| *until > now);
         let accepts = self.resting.is_none() && self.accepted.has(now);
@@ -142,14 +142,14 @@ impl Serving<'_> {
             // Nothing that waiting helps against, and nothing to spin on.
             Err(_) => return if done.wait(REST) { None } else { Some(Ready::default()) },
         }
-        let rang: Vec<bool> = fds.iter().map(|fd| !fd.revents().is_empty()).collect();
-        let mut of_sessions = rang[first..].iter();
+        let readable: Vec<bool> = fds.iter().map(|fd| !fd.revents().is_empty()).collect();
+        let mut of_sessions = readable[first..].iter();
         let sessions = wishes.iter().map(|wish| wish.is_some() && of_sessions.next() == Some(&true)).collect();
-        if done.hush() {
+        if done.clear() {
             return None;
         }
-        self.server.reloaded.hush();
-        Some(Ready { newcomers: accepts && rang[2], sessions })
+        self.server.reloaded.clear();
+        Some(Ready { newcomers: accepts && readable[2], sessions })
     }
 
     /// After how long there is something to do in any case; `None` where there is nothing.
@@ -160,7 +160,7 @@ impl Serving<'_> {
             _ => session.patience(&self.server.rules).map(|patience| left(session.since() + patience)),
         });
         let accepting = if accepts { None } else { Some(self.resting.map_or_else(|| self.accepted.wait(now), left)) };
-        let soonest = sessions.chain(accepting).chain(self.desk.notices_due().map(left)).min()?;
+        let soonest = sessions.chain(accepting).chain(self.state.notices_due().map(left)).min()?;
         // Rounded up to what poll() counts in, so that it is over when the wait is.
         Some(if soonest.is_zero() { soonest } else { soonest + Duration::from_millis(1) })
     }
@@ -226,10 +226,10 @@ impl Serving<'_> {
             let Some(line) = session.take_line(now) else { continue };
             let stays = match Request::read(&line) {
                 Ok(Request::Reload) => {
-                    session.await_reload(self.desk.reload_soon(false), now);
+                    session.await_reload(self.state.reload_soon(false), now);
                     true
                 }
-                Ok(request) => session.reply(&answer(&request, self.desk, &session.peer.to_string()), now),
+                Ok(request) => session.reply(&answer(&request, self.state, &session.peer.to_string()), now),
                 Err(error) => session.reply(&Reply::Refused(error.into()), now),
             };
             if !stays {
@@ -257,7 +257,7 @@ impl Serving<'_> {
     }
 
     fn say(&self, now: Instant, line: impl FnOnce()) {
-        if self.desk.may_say(About::Connection, now) {
+        if self.state.may_say(About::Connection, now) {
             line();
         }
     }

@@ -13,7 +13,7 @@ pub struct Status {
     pub version: String,
     /// Its process.
     pub pid: u32,
-    /// What it is at, one of the names of [`super::State`].
+    /// What it is at, one of the names of [`super::Phase`].
     pub state: String,
     /// The same for people.
     pub what: String,
@@ -24,9 +24,9 @@ pub struct Status {
     /// Whether shake is taken out.
     pub enabled: bool,
     /// The camera that is open.
-    pub camera: Option<CameraNow>,
+    pub camera: Option<CameraInfo>,
     /// Where the picture goes: the loopback, or PipeWire alone.
-    pub output: Option<OutputNow>,
+    pub output: Option<OutputInfo>,
     /// Whether somebody watches the loopback or a PipeWire camera; `None` where there is neither.
     pub watched: Option<bool>,
     /// How many do: readers of the loopback, and PipeWire cameras that are watched (each by any number of programs). v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
@@ -51,7 +51,7 @@ pub struct Status {
     /// Why, for the present stream or, where the camera is closed, the last one; `None` where all its frames could be used.
     pub unusable: Option<Unusable>,
     /// Formats of cameras that gave no usable frame and were left for another, since the daemon began.
-    pub formats_left: Vec<FormatLeft>,
+    pub formats_left: Vec<RejectedFormat>,
     /// Times a camera was opened.
     pub cameras_opened: u64,
     /// Share of the crop window that corrections used, of late (0 to 1).
@@ -75,7 +75,7 @@ pub struct Status {
 /// An open camera.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(default)]
-pub struct CameraNow {
+pub struct CameraInfo {
     /// Its node.
     pub path: String,
     /// Its name.
@@ -95,7 +95,7 @@ pub struct CameraNow {
 /// An open output.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(default)]
-pub struct OutputNow {
+pub struct OutputInfo {
     /// The loopback's node, or "PipeWire".
     pub path: String,
     /// Pixel format.
@@ -171,7 +171,7 @@ pub struct Unusable {
 /// A format of a camera that gave no usable frame.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(default)]
-pub struct FormatLeft {
+pub struct RejectedFormat {
     /// The camera's name.
     pub camera: String,
     /// Its pixel format.
@@ -218,13 +218,13 @@ impl fmt::Display for Status {
         line("state", &format!("{} for {}{on}", self.state, lasting(self.since_s)))?;
         line("", &self.what)?;
         match &self.camera {
-            Some(CameraNow { path, name, bus, format, width, height, fps }) => {
+            Some(CameraInfo { path, name, bus, format, width, height, fps }) => {
                 line("camera", &format!("{path}  {name} ({bus}), {format} {width}x{height} at {fps:.3} fps"))?;
             }
             None => line("camera", "closed")?,
         }
         match &self.output {
-            Some(OutputNow { path, format, width, height }) => {
+            Some(OutputInfo { path, format, width, height }) => {
                 line("output", &format!("{path}  {format} {width}x{height}"))?;
             }
             None => line("output", "not open")?,
@@ -269,7 +269,7 @@ impl fmt::Display for Status {
         if let Some(unusable) = &self.unusable {
             line("unusable", &unusable.what)?;
         }
-        for FormatLeft { camera, format, what } in &self.formats_left {
+        for RejectedFormat { camera, format, what } in &self.formats_left {
             line("not used", &format!("{format} of {camera}: {what}"))?;
         }
         if let Some(Spread { p50, max, .. }) = self.crop_use {
@@ -307,7 +307,7 @@ mod tests {
         let status = Status {
             state: "streaming".into(),
             since_s: 3725.0,
-            camera: Some(CameraNow { name: "Evil\u{1b}[2J\nname".into(), ..CameraNow::default() }),
+            camera: Some(CameraInfo { name: "Evil\u{1b}[2J\nname".into(), ..CameraInfo::default() }),
             latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
             drops: Drops { behind: 3, damaged: 1, failed_transfers: 1, ..Drops::default() },
             unusable: Some(Unusable {
@@ -316,7 +316,7 @@ mod tests {
                 what: "1 of 9 frames cannot be decoded: x\u{1b}".into(),
                 ..Unusable::default()
             }),
-            formats_left: vec![FormatLeft { camera: "C".into(), format: "MJPG".into(), what: "nothing came".into() }],
+            formats_left: vec![RejectedFormat { camera: "C".into(), format: "MJPG".into(), what: "nothing came".into() }],
             restart: vec!["camera.device".into()],
             watched: Some(true),
             watchers: Some(1),

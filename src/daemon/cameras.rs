@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::device::DeviceError;
 use crate::device::v4l2::{CaptureParams, Hotplug, Known, News, Next, Roots, There};
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// "auto" waits this long for the camera that it had, before it takes another; any setting, for the node with its picture.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -89,11 +89,11 @@ impl Cameras {
         }
     }
 
-    /// Watches which cameras come while ours is there, until `bell` rings.
-    pub(super) fn watch(&self, hotplug: &Hotplug, bell: &Wake) {
+    /// Watches which cameras come while ours is there, until `notifier` is notified.
+    pub(super) fn watch(&self, hotplug: &Hotplug, notifier: &Notifier) {
         loop {
-            match hotplug.wait(bell, LONG) {
-                News::Rung => return,
+            match hotplug.wait(notifier, LONG) {
+                News::Notified => return,
                 News::Devices => self.look_around(self.state().known.as_mut()),
                 News::Nothing => {}
             }

@@ -1,8 +1,8 @@
 //! What is done about a camera whose frames cannot be used: its stream is restarted, then its next-best format is tried.
 //!
-//! Only decisions are made here; [`super::attended`] carries them out.
+//! Only decisions are made here; [`super::monitored_source`] carries them out.
 
-use crate::control::FormatLeft;
+use crate::control::RejectedFormat;
 use crate::device::v4l2::Avoided;
 use crate::image::PixelFormat;
 
@@ -124,7 +124,7 @@ impl Recovery {
 
 /// The formats of cameras that gave no usable frame, for as long as the daemon runs.
 #[derive(Debug, Default)]
-pub(super) struct FormatsLeft(Vec<Left>);
+pub(super) struct RejectedFormats(Vec<Left>);
 
 #[derive(Debug)]
 struct Left {
@@ -134,7 +134,7 @@ struct Left {
     avoided: bool,
 }
 
-impl FormatsLeft {
+impl RejectedFormats {
     /// `pixel` of the camera of this name at this bus gave no usable frame, for the reason `what`.
     pub(super) fn leave(&mut self, (card, bus): &(String, String), pixel: PixelFormat, what: String) {
         self.forget(card, bus, pixel);
@@ -173,8 +173,8 @@ impl FormatsLeft {
     }
 
     /// The same for the status.
-    pub(super) fn told(&self) -> Vec<FormatLeft> {
-        let told = |left: &Left| FormatLeft {
+    pub(super) fn told(&self) -> Vec<RejectedFormat> {
+        let told = |left: &Left| RejectedFormat {
             camera: left.format.card.clone(),
             format: left.format.pixel.to_string(),
             what: left.what.clone(),
@@ -280,7 +280,7 @@ mod tests {
     #[test]
     fn formats_are_left_for_one_camera_and_tried_again() {
         let (one, two) = (("Cam".to_owned(), "usb-1".to_owned()), ("Cam".to_owned(), "usb-2".to_owned()));
-        let mut left = FormatsLeft::default();
+        let mut left = RejectedFormats::default();
         left.leave(&one, PixelFormat::Mjpeg, "damaged".into());
         left.leave(&one, PixelFormat::Mjpeg, "damaged again".into());
         left.leave(&one, PixelFormat::Nv12, "empty".into());

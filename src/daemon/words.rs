@@ -1,7 +1,7 @@
 //! What the daemon says of its camera, its output and a stream: in the log and in the status.
 
-use super::screen::Screen;
-use crate::control::{CameraNow, Desk, OutputNow};
+use super::output::LiveOutput;
+use crate::control::{CameraInfo, DaemonState, OutputInfo};
 use crate::device::v4l2::Capture;
 use crate::device::{FrameSink, FrameSource};
 use crate::pipeline::Totals;
@@ -26,19 +26,19 @@ pub(super) fn in_words(totals: &Totals) -> String {
 }
 
 /// Says what is streamed where.
-pub(super) fn told_stream(camera: &Capture, screen: &Screen) -> String {
+pub(super) fn told_stream(camera: &Capture, output: &LiveOutput) -> String {
     let format = camera.format();
-    let (from, to) = (camera.path().display().to_string(), screen.name());
+    let (from, to) = (camera.path().display().to_string(), output.name());
     let mode = format!("{} {}x{}", format.pixel, format.width, format.height);
     tracing::info!(camera = %from, output = %to, %mode, "stabilizing");
     format!("{from} ({mode}) to {to}")
 }
 
 /// A camera as the status tells it.
-pub(super) fn camera_now(camera: &Capture) -> CameraNow {
+pub(super) fn camera_now(camera: &Capture) -> CameraInfo {
     let format = camera.format();
     let (name, bus) = camera.name_and_bus();
-    CameraNow {
+    CameraInfo {
         path: camera.path().display().to_string(),
         name,
         bus,
@@ -50,14 +50,14 @@ pub(super) fn camera_now(camera: &Capture) -> CameraNow {
 }
 
 /// The loopback, and who watches it, for the status.
-pub(super) fn tell_of(screen: &Screen, desk: &Desk) {
-    let format = screen.format();
-    let now = OutputNow {
-        path: screen.loopback.as_ref().map_or_else(|| screen.name(), |loopback| loopback.path().display().to_string()),
+pub(super) fn tell_of(output: &LiveOutput, state: &DaemonState) {
+    let format = output.format();
+    let now = OutputInfo {
+        path: output.loopback.as_ref().map_or_else(|| output.name(), |loopback| loopback.path().display().to_string()),
         format: format.pixel.to_string(),
         width: format.width,
         height: format.height,
     };
-    let seats = screen.audience.seats().clone();
-    desk.tally.output(now, Box::new(move || seats.count()));
+    let viewers = output.viewer_monitor.status().clone();
+    state.metrics.set_output(now, Box::new(move || viewers.count()));
 }

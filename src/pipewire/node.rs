@@ -15,7 +15,7 @@ use super::layout::{
 };
 use super::library::Library;
 use super::pod::{self, Pod};
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// Buffers that a node has: below eight, one reader that keeps some starves all others.
 const BUFFERS: std::ops::RangeInclusive<u32> = 8..=16;
@@ -107,7 +107,7 @@ struct Shared {
     stream: AtomicPtr<Opaque>,
     bytes: usize,
     stride: usize,
-    wake: Wake,
+    wake: Notifier,
     told: Mutex<Told>,
 }
 
@@ -154,11 +154,11 @@ static EVENTS: StreamEvents = StreamEvents {
 };
 
 impl Node {
-    /// Makes the node known to PipeWire. `wake` is rung whenever [`Node::state`] or the buffers change.
+    /// Makes the node known to PipeWire. `wake` is notified whenever [`Node::state`] or the buffers change.
     ///
     /// # Errors
     /// [`NodeError`]; where PipeWire does not run it may soon, so try again.
-    pub fn new(library: &'static Library, params: &NodeParams, wake: &Wake) -> Result<Self, NodeError> {
+    pub fn new(library: &'static Library, params: &NodeParams, wake: &Notifier) -> Result<Self, NodeError> {
         if params.width == 0 || params.height == 0 || params.bytes() > LARGEST {
             return Err(NodeError::Size(params.width, params.height));
         }
@@ -374,7 +374,7 @@ unsafe extern "C" fn state_changed(data: *mut c_void, _: c_int, state: c_int, er
         told.state = state;
     }
     drop(told);
-    shared.wake.ring();
+    shared.wake.notify();
 }
 
 /// Answers an agreed format with what the buffers should be.
@@ -425,7 +425,7 @@ unsafe extern "C" fn add_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
     let id = told.next;
     told.slots.push(Known { id, buffer, fd: Arc::new(fd), taken: false });
     drop(told);
-    shared.wake.ring();
+    shared.wake.notify();
 }
 
 /// # Safety
@@ -434,7 +434,7 @@ unsafe extern "C" fn remove_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
     // SAFETY: as said above.
     let shared = unsafe { &*data.cast::<Shared>() };
     shared.told().slots.retain(|known| known.buffer.as_ptr() != buffer);
-    shared.wake.ring();
+    shared.wake.notify();
 }
 
 /// Memory for a picture that can be shared: its size cannot be changed by whoever gets it.

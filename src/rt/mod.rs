@@ -1,6 +1,6 @@
 //! Clock, rings and threads: what runs, never what it computes.
 
 pub mod clock;
-pub mod rarely;
+pub mod log_throttle;
+pub mod notifier;
 pub mod stop;
-pub mod wake;

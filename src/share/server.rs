@@ -18,7 +18,7 @@ use super::lease::{Lease, Leases, Outlet};
 use super::proof::CameraNode;
 use super::wire::Format;
 use crate::device::StreamFormat;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// The socket's name in a runtime directory.
 const NAME: &str = "pictures.sock";
@@ -42,8 +42,8 @@ pub struct Companions(Arc<Known>);
 #[derive(Debug)]
 struct Known {
     leases: Arc<Leases>,
-    /// Rung when something of this changes.
-    bell: Wake,
+    /// Notified when something of this changes.
+    notifier: Notifier,
     asked: Mutex<Asked>,
     connected: AtomicU32,
     watching: AtomicU32,
@@ -57,15 +57,15 @@ struct Asked {
     camera: PathBuf,
     /// The size that is held by readers of companions.
     held: Option<(u32, u32)>,
-    /// To be rung when the number of watchers changes.
-    listener: Option<Wake>,
+    /// Notified when the number of watchers changes.
+    listener: Option<Notifier>,
 }
 
 impl Companions {
     fn new() -> io::Result<Self> {
-        let (leases, bell) = (Arc::default(), Wake::new()?);
+        let (leases, notifier) = (Arc::default(), Notifier::new()?);
         let asked = Mutex::default();
-        Ok(Self(Arc::new(Known { leases, bell, asked, connected: AtomicU32::new(0), watching: AtomicU32::new(0) })))
+        Ok(Self(Arc::new(Known { leases, notifier, asked, connected: AtomicU32::new(0), watching: AtomicU32::new(0) })))
     }
 
     fn asked(&self) -> MutexGuard<'_, Asked> {
@@ -76,14 +76,14 @@ impl Companions {
     pub fn outlet(&self, format: &StreamFormat) -> Outlet {
         let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
         self.asked().pictures = Some((format.width, format.height, format.interval));
-        self.0.bell.ring();
+        self.0.notifier.notify();
         Outlet::new(self.0.leases.clone(), MOST_GUESTS, format)
     }
 
     /// The camera's node is `path`: who proved something for another has to prove it again.
     pub fn camera_is(&self, path: &Path) {
         self.asked().camera = path.into();
-        self.0.bell.ring();
+        self.0.notifier.notify();
     }
 
     /// Companions that are connected.
@@ -101,9 +101,9 @@ impl Companions {
         self.asked().held
     }
 
-    /// Rings `bell` whenever the number of [`Companions::watching`] changes; one bell at a time.
-    pub fn tell(&self, bell: &Wake) {
-        self.asked().listener = Some(bell.clone());
+    /// Notifies `notifier` whenever the number of [`Companions::watching`] changes; one notifier at a time.
+    pub fn tell(&self, notifier: &Notifier) {
+        self.asked().listener = Some(notifier.clone());
     }
 
     /// What companions are told.
@@ -121,7 +121,7 @@ impl Companions {
         let mut asked = self.asked();
         asked.held = held;
         if changed && let Some(listener) = &asked.listener {
-            listener.ring();
+            listener.notify();
         }
     }
 }
@@ -200,8 +200,8 @@ impl Server {
         &self.companions
     }
 
-    /// Serves companions until `done` rings. `locate` says where the camera is that would be opened, where none was open yet.
-    pub fn serve(&self, done: &Wake, locate: &dyn Fn() -> Option<PathBuf>) {
+    /// Serves companions until `done` is notified. `locate` says where the camera is that would be opened, where none was open yet.
+    pub fn serve(&self, done: &Notifier, locate: &dyn Fn() -> Option<PathBuf>) {
         let Some(closing) = Closing::start() else {
             tracing::warn!("no pictures for PipeWire: there is no thread left");
             return;
@@ -216,7 +216,7 @@ impl Server {
             looked: Instant::now(),
             arrivals: (Instant::now(), 0),
         };
-        while !done.hush() {
+        while !done.clear() {
             round.step(done, locate);
         }
         self.companions.0.leases.change(Vec::clear);
@@ -249,9 +249,9 @@ struct Round<'a> {
 
 impl Round<'_> {
     /// Waits for something to do, and does it.
-    fn step(&mut self, done: &Wake, locate: &dyn Fn() -> Option<PathBuf>) {
+    fn step(&mut self, done: &Notifier, locate: &dyn Fn() -> Option<PathBuf>) {
         let ready = self.wait(done);
-        self.server.companions.0.bell.hush();
+        self.server.companions.0.notifier.clear();
         self.look_for_camera(locate);
         self.take_note();
         let (closing, camera, format) = (&self.closing, self.camera.as_ref(), self.format.as_ref());
@@ -276,14 +276,14 @@ impl Round<'_> {
         self.account();
     }
 
-    fn wait(&mut self, done: &Wake) -> Ready {
+    fn wait(&mut self, done: &Notifier) -> Ready {
         if self.arrivals.0.elapsed() >= Duration::from_secs(1) {
             self.arrivals = (Instant::now(), 0);
         }
         let crowded = self.arrivals.1 >= MOST_ARRIVALS;
         let mut fds = vec![
             PollFd::from_borrowed_fd(done.fd(), PollFlags::IN),
-            PollFd::from_borrowed_fd(self.server.companions.0.bell.fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.server.companions.0.notifier.fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(self.server.listener.as_fd(), if crowded { PollFlags::empty() } else { PollFlags::IN }),
         ];
         fds.extend(self.guests.iter().map(|guest| PollFd::from_borrowed_fd(guest.lease.socket.as_fd(), PollFlags::IN)));
@@ -292,8 +292,8 @@ impl Round<'_> {
         if poll(&mut fds, patience.as_ref()).is_err() {
             return Ready::default();
         }
-        let rang = |fd: &PollFd<'_>| !fd.revents().is_empty();
-        Ready { listener: rang(&fds[2]), guests: fds[3..].iter().map(rang).collect() }
+        let readable = |fd: &PollFd<'_>| !fd.revents().is_empty();
+        Ready { listener: readable(&fds[2]), guests: fds[3..].iter().map(readable).collect() }
     }
 
     /// Somebody watches and could prove nothing, as it is not known where the camera is: looks for it.

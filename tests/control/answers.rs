@@ -5,27 +5,27 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
 use gimbald::command::Exit;
-use gimbald::control::{Applied, Connection, LONGEST_REQUEST, RefusalKind, Reply, Request, Rules, State};
+use gimbald::control::{Applied, Connection, LONGEST_REQUEST, Phase, RefusalKind, Reply, Request, Rules};
 
 use crate::rig::{Scratch, reply, said, served};
 
 #[test]
 fn the_program_asks_and_changes() {
-    served("program", Rules::default(), |scratch, desk| {
-        desk.tally.is_at(State::Waiting, "for the camera");
+    served("program", Rules::default(), |scratch, state| {
+        state.metrics.set_phase(Phase::Waiting, "for the camera");
         let text = said(&scratch.gimbald(&["status"]));
         assert!(text.starts_with("state          waiting for 0 s\n               for the camera\n"), "{text}");
         let json: serde_json::Value = serde_json::from_str(&said(&scratch.gimbald(&["status", "--json"]))).unwrap();
         assert_eq!((json["state"].as_str(), json["enabled"].as_bool()), (Some("waiting"), Some(true)));
         assert_eq!(said(&scratch.gimbald(&["off"])), "off\n");
         assert_eq!(said(&scratch.gimbald(&["off"])), "was off already\n");
-        assert!(!desk.live.params().enabled);
+        assert!(!state.live.params().enabled);
         assert!(said(&scratch.gimbald(&["status"])).contains("switched off"));
         assert!(said(&scratch.gimbald(&["status", "--prometheus"])).contains("\ngimbald_enabled 0\n"));
         assert_eq!(said(&scratch.gimbald(&["on"])), "on\n");
         let set = said(&scratch.gimbald(&["set", "crop.zoom=1.3", "smooth.mode=iir"]));
         assert_eq!(set, "crop.zoom=1.3: set\nsmooth.mode=iir: set\n");
-        assert_eq!(desk.live.params().crop.zoom, 1.3);
+        assert_eq!(state.live.params().crop.zoom, 1.3);
         let refused = scratch.gimbald(&["set", "crop.zoom=3"]);
         assert_eq!(refused.status.code(), Some(Exit::Config.code().into()));
         assert!(String::from_utf8_lossy(&refused.stderr).contains("1 to 2"), "{refused:?}");
@@ -37,7 +37,7 @@ fn the_program_asks_and_changes() {
 
 #[test]
 fn the_program_has_the_configuration_read_again() {
-    served("reload", Rules::default(), |scratch, desk| {
+    served("reload", Rules::default(), |scratch, state| {
         assert_eq!(said(&scratch.gimbald(&["set", "crop.zoom=1.3", "smooth.mode=iir"])).lines().count(), 2);
         std::fs::write(scratch.config(), "[smooth]\nstrength = 0.5\n[camera]\nfps = 15").unwrap();
         let reloaded = said(&scratch.gimbald(&["reload"]));
@@ -47,7 +47,7 @@ fn the_program_has_the_configuration_read_again() {
         let refused = scratch.gimbald(&["reload"]);
         assert_eq!(refused.status.code(), Some(Exit::Config.code().into()));
         assert!(String::from_utf8_lossy(&refused.stderr).contains("gimbald.toml:2"), "{refused:?}");
-        assert_eq!(desk.live.params().smooth.strength, 0.5);
+        assert_eq!(state.live.params().smooth.strength, 0.5);
     });
 }
 
@@ -136,7 +136,7 @@ fn what_is_no_request_is_named_and_the_connection_goes_on() {
 
 #[test]
 fn many_lines_at_once_have_their_answers_in_order() {
-    served("lines", Rules::default(), |scratch, desk| {
+    served("lines", Rules::default(), |scratch, state| {
         let mut stream = scratch.connect();
         stream.write_all(b"off\non\nset crop.zoom=1.5\r\nno such thing\n\xff\nreload\nset crop.zoom=1.4\nstatus\n").unwrap();
         // and says no more: what was asked is answered all the same
@@ -147,7 +147,7 @@ fn many_lines_at_once_have_their_answers_in_order() {
         assert_eq!(done, [true, true, true, false, false, true, true, true]);
         let Some(Reply::Status { status }) = replies.last() else { panic!("{replies:?}") };
         assert_eq!(status.settings["crop.zoom"], "1.4");
-        assert_eq!(desk.live.params().crop.zoom, 1.4);
+        assert_eq!(state.live.params().crop.zoom, 1.4);
         assert!(lines[0].starts_with("{\"ok\":true,\"changed\":[\"stabilize.enabled\"]"), "{}", lines[0]);
         assert!(lines[3].starts_with("{\"ok\":false,\"error\":"), "{}", lines[3]);
     });

@@ -47,7 +47,7 @@ fn connect_as(scratch: &Scratch, uid: u32) -> Option<UnixStream> {
 
 #[test]
 fn bad_company_keeps_nobody_waiting() {
-    served("company", patient(), |scratch, desk| {
+    served("company", patient(), |scratch, state| {
         // one who never ends a line, one who is silent, one who asks and never listens
         let mut endless = scratch.connect();
         endless.write_all(&[b'x'; 100]).unwrap();
@@ -66,7 +66,7 @@ fn bad_company_keeps_nobody_waiting() {
             let status = Connection::open(&scratch.socket()).unwrap().status().unwrap();
             assert_eq!(status.pid, std::process::id());
         }
-        assert!(desk.live.params().enabled);
+        assert!(state.live.params().enabled);
     });
 }
 

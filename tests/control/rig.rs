@@ -1,4 +1,4 @@
-//! A socket that is served in this process (the daemon is a desk; it has no camera), and ways to talk to it.
+//! A socket that is served in this process (a daemon without a camera), and ways to talk to it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gimbald::config::Settings;
-use gimbald::control::{Desk, Place, Reply, Reread, Rules, Server};
-use gimbald::rt::wake::Wake;
+use gimbald::control::{DaemonState, Place, Reply, Reread, Rules, Server};
+use gimbald::rt::notifier::Notifier;
 use gimbald::systemd::Systemd;
 
 /// Long enough on any machine.
@@ -71,16 +71,16 @@ pub fn reply(stream: &UnixStream) -> Reply {
     Reply::read(&line).unwrap_or_else(|error| panic!("{line:?}: {error}"))
 }
 
-struct RingAtEnd(Wake);
+struct NotifyOnDrop(Notifier);
 
-impl Drop for RingAtEnd {
+impl Drop for NotifyOnDrop {
     fn drop(&mut self) {
-        self.0.ring();
+        self.0.notify();
     }
 }
 
-/// Serves a desk whose configuration is [`Scratch::config`], while `act` runs.
-pub fn served(name: &str, rules: Rules, act: impl FnOnce(&Scratch, &Arc<Desk>)) {
+/// Serves a daemon state whose configuration is [`Scratch::config`], while `act` runs.
+pub fn served(name: &str, rules: Rules, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
     let scratch = Scratch::new(name);
     let file = scratch.config();
     std::fs::write(&file, "").unwrap();
@@ -92,15 +92,15 @@ pub fn served(name: &str, rules: Rules, act: impl FnOnce(&Scratch, &Arc<Desk>)) 
 }
 
 /// The same with all there is to choose.
-pub fn served_with(scratch: Scratch, mode: u32, rules: Rules, read: Reread, act: impl FnOnce(&Scratch, &Arc<Desk>)) {
-    let desk = Arc::new(Desk::new(Settings::default(), Systemd::nobody(), read));
+pub fn served_with(scratch: Scratch, mode: u32, rules: Rules, read: Reread, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
+    let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), read));
     let place = Place::take(&scratch.socket(), mode, None).unwrap();
     let server = Server::new(place, rules).unwrap();
-    let done = Wake::new().unwrap();
+    let done = Notifier::new().unwrap();
     std::thread::scope(|scope| {
-        let _ring = RingAtEnd(done.clone());
-        scope.spawn(|| server.serve(&desk, &done));
-        act(&scratch, &desk);
+        let _notify = NotifyOnDrop(done.clone());
+        scope.spawn(|| server.serve(&state, &done));
+        act(&scratch, &state);
     });
     drop(server);
     assert!(!scratch.socket().exists(), "the socket goes with its server");

@@ -11,7 +11,7 @@ use gimbald::device::StreamFormat;
 use gimbald::frame::Stamp;
 use gimbald::image::{Picture, PixelFormat, Sampling};
 use gimbald::rt::clock::monotonic_ns;
-use gimbald::rt::wake::Wake;
+use gimbald::rt::notifier::Notifier;
 use gimbald::share::{Companions, Server};
 
 /// Numbers begin anew after as many; four of them fit into the bits of luma.
@@ -23,7 +23,7 @@ pub struct Producer {
     /// When each picture was sent, by its number.
     pub sent_ns: Arc<Vec<AtomicI64>>,
     over: Arc<AtomicBool>,
-    done: Wake,
+    done: Notifier,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -47,11 +47,11 @@ impl Producer {
         let companions = server.companions().clone();
         let mut outlet = companions.outlet(&StreamFormat::tight(width, height, PixelFormat::I420, (1, 30)));
         companions.camera_is(Path::new("/dev/null"));
-        let (done, over) = (Wake::new().unwrap(), Arc::new(AtomicBool::new(false)));
+        let (done, over) = (Notifier::new().unwrap(), Arc::new(AtomicBool::new(false)));
         let number = Arc::new(AtomicU32::new(first));
         let sent_ns: Arc<Vec<AtomicI64>> = Arc::new((0..NUMBERS).map(|_| AtomicI64::new(0)).collect());
-        let bell = done.clone();
-        let serving = std::thread::spawn(move || server.serve(&bell, &|| Some("/dev/null".into())));
+        let notifier = done.clone();
+        let serving = std::thread::spawn(move || server.serve(&notifier, &|| Some("/dev/null".into())));
         let (ended, counted, times) = (over.clone(), number.clone(), sent_ns.clone());
         let sending = std::thread::spawn(move || {
             let mut picture = Picture::new(Sampling::S420, width as usize, height as usize);
@@ -80,7 +80,7 @@ impl Producer {
 impl Drop for Producer {
     fn drop(&mut self) {
         self.over.store(true, Relaxed);
-        self.done.ring();
+        self.done.notify();
         self.threads.drain(..).for_each(|thread| thread.join().unwrap());
     }
 }

@@ -9,7 +9,7 @@ use gimbald::device::{DeviceError, FrameSource, Lent};
 use gimbald::frame::FrameFlags;
 use gimbald::image::{Picture, PixelFormat, Range};
 use gimbald::rt::clock::monotonic_ns;
-use gimbald::rt::wake::Wake;
+use gimbald::rt::notifier::Notifier;
 use gimbald::stage::unpack::Unpack;
 
 use crate::rig::{Rig, next, pixel, vga};
@@ -64,11 +64,11 @@ fn by_itself_it_chooses_720p_at_30() {
     assert_eq!(next(&mut camera).1.len(), format.frame_bytes().unwrap());
     drop(camera);
     let asked = CaptureParams { width: Some(641), ..CaptureParams::default() };
-    let error = Capture::open(&rig.params(asked), Wake::new().unwrap()).unwrap_err().to_string();
+    let error = Capture::open(&rig.params(asked), Notifier::new().unwrap()).unwrap_err().to_string();
     assert!(error.contains("641") && error.contains("YUYV 640x480"), "{error}");
     let error = Capture::open(
         &rig.params(CaptureParams { format: Some(PixelFormat::Mjpeg), ..vga(PixelFormat::Mjpeg) }),
-        Wake::new().unwrap(),
+        Notifier::new().unwrap(),
     );
     assert!(matches!(error, Err(DeviceError::Unsupported { .. })), "vivid has no MJPG: {error:?}");
 }
@@ -127,14 +127,14 @@ fn an_unplugged_camera_is_gone_and_comes_back() {
     std::fs::write(driver.join("unbind"), "vivid.0").unwrap();
     assert!(matches!(end(&mut camera), DeviceError::Gone { .. }));
     drop(camera);
-    assert!(Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Wake::new().unwrap()).is_err());
+    assert!(Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Notifier::new().unwrap()).is_err());
     std::fs::write(driver.join("bind"), "vivid.0").unwrap();
     let deadline = Instant::now() + Duration::from_secs(20);
     while find("vivid", Direction::Capture).is_err() && Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(100));
     }
     let by_name = CaptureParams { device: "vivid".into(), ..vga(PixelFormat::Yuyv) };
-    next(&mut Capture::open(&by_name, Wake::new().unwrap()).unwrap());
+    next(&mut Capture::open(&by_name, Notifier::new().unwrap()).unwrap());
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn a_stream_that_failed_is_started_anew() {
     assert_eq!(camera.counts().restarts, 2);
     drop(camera);
     rig.control("inject_vidioc_streamon_error=1");
-    let refused = Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Wake::new().unwrap()).unwrap_err();
+    let refused = Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Notifier::new().unwrap()).unwrap_err();
     assert!(refused.to_string().contains("start the stream"), "{refused}");
     next(&mut rig.open(vga(PixelFormat::Yuyv)));
 }
@@ -160,20 +160,20 @@ fn a_stream_that_failed_is_started_anew() {
 #[test]
 fn a_ring_interrupts_the_wait_for_a_frame() {
     let Some(rig) = Rig::find("a_ring_interrupts_the_wait_for_a_frame") else { return };
-    let wake = Wake::new().unwrap();
+    let wake = Notifier::new().unwrap();
     let slow = rig.params(CaptureParams { fps: Some(1.0), ..vga(PixelFormat::Grey) });
     let mut camera = Capture::open(&slow, wake.clone()).unwrap();
     next(&mut camera);
     let ringer = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(150));
         let when = Instant::now();
-        wake.ring();
+        wake.notify();
         when
     });
-    assert!(matches!(camera.lend().unwrap(), Lent::Idle), "the ring came before the frame");
+    assert!(matches!(camera.lend().unwrap(), Lent::Idle), "the notification came before the frame");
     let late = ringer.join().unwrap().elapsed();
     assert!(late < Duration::from_millis(100), "{late:?}");
-    println!("woke up {late:?} after the ring");
+    println!("woke up {late:?} after the notification");
     next(&mut camera);
 }
 
@@ -210,13 +210,13 @@ fn odd_counts_and_clocks_are_made_straight() {
 fn a_camera_in_use_is_busy() {
     let Some(rig) = Rig::find("a_camera_in_use_is_busy") else { return };
     let camera = rig.open(vga(PixelFormat::Yuyv));
-    let error = Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Wake::new().unwrap()).unwrap_err();
+    let error = Capture::open(&rig.params(vga(PixelFormat::Yuyv)), Notifier::new().unwrap()).unwrap_err();
     assert!(matches!(error, DeviceError::Busy { .. }), "{error}");
     drop(camera);
     next(&mut rig.open(vga(PixelFormat::Yuyv)));
     let error = Capture::open(
         &CaptureParams { device: rig.loopback.display().to_string(), ..vga(PixelFormat::Yuyv) },
-        Wake::new().unwrap(),
+        Notifier::new().unwrap(),
     );
     assert!(error.is_err(), "a loopback without a writer is no camera");
 }
@@ -247,7 +247,7 @@ fn a_camera_that_gives_jpeg_is_read() {
     }
     let params = CaptureParams { device: rig.loopback.display().to_string(), ..CaptureParams::default() };
     let mut camera = loop {
-        match Capture::open(&params, Wake::new().unwrap()) {
+        match Capture::open(&params, Notifier::new().unwrap()) {
             Ok(camera) if camera.format().pixel == PixelFormat::Mjpeg => break camera,
             other => assert!(Instant::now() < deadline, "{other:?}"),
         }

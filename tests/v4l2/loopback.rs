@@ -9,7 +9,7 @@ use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent};
 use gimbald::frame::Stamp;
 use gimbald::image::{Picture, PixelFormat};
 use gimbald::rt::clock::monotonic_ns;
-use gimbald::rt::wake::Wake;
+use gimbald::rt::notifier::Notifier;
 use gimbald::stage::unpack::Unpack;
 
 use crate::rig::{Rig, draw, feed, next, output, read_back, vga};
@@ -68,7 +68,7 @@ fn our_own_capture_reads_the_loopback_with_its_times() {
     for format in [PixelFormat::Yuyv, PixelFormat::I420, PixelFormat::Nv12] {
         let mut sink = Loopback::open(&output(&rig.exclusive, format, 640, 480)).unwrap();
         let params = CaptureParams { device: rig.exclusive.display().to_string(), ..CaptureParams::default() };
-        let mut camera = Capture::open(&params, Wake::new().unwrap()).unwrap();
+        let mut camera = Capture::open(&params, Notifier::new().unwrap()).unwrap();
         assert_eq!((camera.format().pixel, camera.format().width), (format, 640));
         for number in 1..20 {
             draw(&mut sink, number);
@@ -121,7 +121,7 @@ fn a_format_that_a_watcher_holds_is_taken_or_explained() {
     draw(&mut sink, 1);
     sink.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() }).unwrap();
     let params = CaptureParams { device: rig.loopback.display().to_string(), ..CaptureParams::default() };
-    let mut watcher = Capture::open(&params, Wake::new().unwrap()).unwrap();
+    let mut watcher = Capture::open(&params, Notifier::new().unwrap()).unwrap();
     next(&mut watcher);
     drop(sink);
     match Loopback::open(&output(&rig.loopback, PixelFormat::Yuyv, 320, 240)) {
@@ -149,13 +149,13 @@ fn a_format_that_a_watcher_holds_is_taken_or_explained() {
 fn who_watches_is_told() {
     let Some(rig) = Rig::find("who_watches_is_told") else { return };
     let mut sink = Loopback::open(&output(&rig.exclusive, PixelFormat::Yuyv, 640, 480)).unwrap();
-    let (mut viewers, bell) = (Viewers::of(&rig.exclusive).unwrap(), Wake::new().unwrap());
+    let (mut viewers, notifier) = (Viewers::of(&rig.exclusive).unwrap(), Notifier::new().unwrap());
     println!("the module tells by itself: {}", viewers.are_told());
     let mut settled = |watched: bool| {
         let deadline = Instant::now() + Duration::from_secs(20);
         let told = viewers.are_told();
         let mut seen = || {
-            let count = viewers.wait(&bell, Some(Duration::from_millis(300))).unwrap();
+            let count = viewers.wait(&notifier, Some(Duration::from_millis(300))).unwrap();
             assert!(!told || count <= 1, "{count} readers where there is one");
             count > 0
         };
@@ -169,14 +169,14 @@ fn who_watches_is_told() {
     draw(&mut sink, 1);
     sink.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() }).unwrap();
     let params = CaptureParams { device: rig.exclusive.display().to_string(), ..CaptureParams::default() };
-    let watcher = Capture::open(&params, Wake::new().unwrap()).unwrap();
+    let watcher = Capture::open(&params, Notifier::new().unwrap()).unwrap();
     assert!(settled(true));
     drop(watcher);
     assert!(settled(false));
-    bell.ring();
+    notifier.notify();
     let before = Instant::now();
-    viewers.wait(&bell, Some(Duration::from_secs(60))).unwrap();
-    assert!(before.elapsed() < Duration::from_secs(30), "a ring ends the wait");
+    viewers.wait(&notifier, Some(Duration::from_secs(60))).unwrap();
+    assert!(before.elapsed() < Duration::from_secs(30), "a notification ends the wait");
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn a_reader_keeps_its_camera_when_the_writer_hands_over() {
     draw(&mut sink, 1);
     sink.submit(&Stamp { time_ns: monotonic_ns(), ..Stamp::default() }).unwrap();
     let params = CaptureParams { device: rig.exclusive.display().to_string(), ..CaptureParams::default() };
-    let mut watcher = Capture::open(&params, Wake::new().unwrap()).unwrap();
+    let mut watcher = Capture::open(&params, Notifier::new().unwrap()).unwrap();
     next(&mut watcher);
     sink.hand_over();
     drop(sink);
@@ -214,7 +214,7 @@ fn times_only_go_up_for_readers() {
     let Some(rig) = Rig::find("times_only_go_up_for_readers") else { return };
     let mut sink = Loopback::open(&output(&rig.exclusive, PixelFormat::Yuyv, 640, 480)).unwrap();
     let params = CaptureParams { device: rig.exclusive.display().to_string(), ..CaptureParams::default() };
-    let mut watcher = Capture::open(&params, Wake::new().unwrap()).unwrap();
+    let mut watcher = Capture::open(&params, Notifier::new().unwrap()).unwrap();
     let mut last = 0;
     let now = monotonic_ns() / 1000 * 1000;
     for (number, time_ns) in [now, now - 50_000_000, now + 1_000_000, now, 0].into_iter().enumerate() {

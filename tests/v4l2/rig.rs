@@ -11,7 +11,7 @@ use gimbald::device::{FrameSink, FrameSource, Lent};
 use gimbald::frame::Stamp;
 use gimbald::image::{Colour, PixelFormat};
 use gimbald::rt::clock::monotonic_ns;
-use gimbald::rt::wake::Wake;
+use gimbald::rt::notifier::Notifier;
 
 /// There is one camera: one test at a time.
 static RIG: Mutex<()> = Mutex::new(());
@@ -54,7 +54,7 @@ impl Rig {
     }
 
     pub fn open(&self, params: CaptureParams) -> Capture {
-        Capture::open(&self.params(params), Wake::new().unwrap()).unwrap()
+        Capture::open(&self.params(params), Notifier::new().unwrap()).unwrap()
     }
 
     pub fn params(&self, params: CaptureParams) -> CaptureParams {

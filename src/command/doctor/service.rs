@@ -4,7 +4,7 @@ use std::process::Command;
 
 use super::finding::Finding;
 use crate::command::talk::Whom;
-use crate::control::{FormatLeft, Status, Unusable};
+use crate::control::{RejectedFormat, Status, Unusable};
 use crate::pipeline::Reason;
 
 /// One unusable frame of so many is nothing to act upon.
@@ -77,7 +77,7 @@ pub(super) fn frames(status: &Status) -> Vec<Finding> {
         let mend = "unplug the camera and plug it in again; journalctl -u gimbald -n 30 says what was tried";
         findings.push(Finding::fault("frames", "the camera is open and gives no frame", mend));
     }
-    for FormatLeft { camera, format, what } in &status.formats_left {
+    for RejectedFormat { camera, format, what } in &status.formats_left {
         let what = format!("{format} of {camera} is not used: {what}");
         let mend =
             format!("where that is over: sudo systemctl restart gimbald; else set camera.format to another than {format}");
@@ -115,7 +115,7 @@ pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
 mod tests {
     use super::*;
     use crate::command::doctor::finding::Severity;
-    use crate::control::CameraNow;
+    use crate::control::CameraInfo;
 
     #[test]
     fn frames_that_cannot_be_used_are_judged_by_their_share() {
@@ -133,12 +133,12 @@ mod tests {
         assert!(judged(30, 30, Reason::Size, "\"mjpeg\"").mend.contains("camera.width"));
         assert_eq!(judged(6, 30, Reason::Marked, "\"auto\"").severity, Severity::Advice);
         assert_eq!(judged(1, 3000, Reason::Marked, "\"auto\"").severity, Severity::Note);
-        let left = FormatLeft { camera: "C".into(), format: "mjpeg".into(), what: "why".into() };
+        let left = RejectedFormat { camera: "C".into(), format: "mjpeg".into(), what: "why".into() };
         let status = Status { formats_left: vec![left], ..Status::default() };
         assert!(frames_of(&status)[0].to_string().contains("mjpeg of C is not used: why"));
         assert_eq!(frames_of(&Status::default()), []);
         let silent =
-            Status { camera: Some(CameraNow::default()), state: "streaming".into(), since_s: 9.0, ..Status::default() };
+            Status { camera: Some(CameraInfo::default()), state: "streaming".into(), since_s: 9.0, ..Status::default() };
         assert!(frames_of(&silent)[0].what.contains("gives no frame"));
         assert_eq!(frames_of(&Status { fps: 30.0, ..silent.clone() }), []);
         assert_eq!(frames_of(&Status { since_s: 1.0, ..silent }), [], "it was just opened");

@@ -22,8 +22,8 @@ use super::transfers::{Holds, Transfers};
 use crate::frame::{FrameFlags, Stamp};
 use crate::image::PixelFormat;
 use crate::rt::clock::monotonic_ns;
-use crate::rt::rarely::Rarely;
-use crate::rt::wake::Wake;
+use crate::rt::log_throttle::LogThrottle;
+use crate::rt::notifier::Notifier;
 
 /// How long a lend waits for a frame before it says [`Lent::Idle`].
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -132,7 +132,7 @@ impl fmt::Display for Counts {
 #[derive(Debug)]
 pub struct Capture {
     queue: Queue,
-    wake: Wake,
+    wake: Notifier,
     format: StreamFormat,
     next_best: Option<PixelFormat>,
     /// Bytes of a whole frame; 0 for compressed formats.
@@ -146,7 +146,7 @@ pub struct Capture {
     restarted: bool,
     stall: Stall,
     transfers: Transfers,
-    failures_logged: Rarely,
+    failures_logged: LogThrottle,
 }
 
 impl Capture {
@@ -159,12 +159,12 @@ impl Capture {
         agree(params).map(|agreed| (agreed.format, agreed.node.path().to_path_buf()))
     }
 
-    /// Opens the camera, sets its format and rate, and starts it. A ring of `wake` ends a waiting [`FrameSource::lend`] at once.
+    /// Opens the camera, sets its format and rate, and starts it. A notification of `wake` ends a waiting [`FrameSource::lend`] at once.
     ///
     /// # Errors
     /// [`DeviceError::Busy`] where another program streams from it, [`DeviceError::Gone`] where it goes away meanwhile,
     /// [`DeviceError::Unsupported`] where it is no camera or cannot do what is asked, else [`DeviceError::Io`].
-    pub fn open(params: &CaptureParams, wake: Wake) -> Result<Self, DeviceError> {
+    pub fn open(params: &CaptureParams, wake: Notifier) -> Result<Self, DeviceError> {
         let Agreed { node, format, next_best } = agree(params)?;
         let path = node.path().to_path_buf();
         let whole = format.frame_bytes().unwrap_or(0);
@@ -193,7 +193,7 @@ impl Capture {
             restarted: false,
             stall: Stall::new(),
             transfers: Transfers::default(),
-            failures_logged: Rarely::default(),
+            failures_logged: LogThrottle::default(),
         };
         capture.start()?;
         tracing::info!(
@@ -260,17 +260,17 @@ impl Capture {
         self.restart()
     }
 
-    /// Waits for the camera; `None` where patience ran out or somebody rang, else what poll says of the camera.
+    /// Waits for the camera; `None` where patience ran out or a notification came, else what poll says of the camera.
     fn wait(&mut self) -> Option<PollFlags> {
         let camera = PollFlags::IN;
         let mut fds =
             [PollFd::from_borrowed_fd(self.queue.node().fd(), camera), PollFd::from_borrowed_fd(self.wake.fd(), PollFlags::IN)];
         let patience = Timespec { tv_sec: PATIENCE.as_secs().cast_signed(), tv_nsec: PATIENCE.subsec_nanos().into() };
-        // A signal (EINTR) is like a ring: whoever asked may want to look around.
+        // A signal (EINTR) ends the wait too: the caller checks its flags.
         poll(&mut fds, Some(&patience)).ok()?;
-        let (camera, rung) = (fds[0].revents(), fds[1].revents());
-        if !rung.is_empty() {
-            self.wake.hush();
+        let (camera, notified) = (fds[0].revents(), fds[1].revents());
+        if !notified.is_empty() {
+            self.wake.clear();
             return None;
         }
         (!camera.is_empty()).then_some(camera)

@@ -9,7 +9,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::inotify;
 
 use super::super::DeviceError;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// Where devices come and go.
 const DEV: &str = "/dev";
@@ -17,8 +17,8 @@ const DEV: &str = "/dev";
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum News {
-    /// The bell rang.
-    Rung,
+    /// The notifier was used.
+    Notified,
     /// A video device came, went, or was given other permissions.
     Devices,
     /// Nothing for as long as patience lasted.
@@ -46,13 +46,15 @@ impl Hotplug {
     }
 
     /// Waits for news, at most `patience`.
-    pub fn wait(&self, bell: &Wake, patience: Duration) -> News {
-        let mut fds =
-            [PollFd::from_borrowed_fd(self.events.as_fd(), PollFlags::IN), PollFd::from_borrowed_fd(bell.fd(), PollFlags::IN)];
-        // An interrupting signal ends the wait early, as a ring would.
+    pub fn wait(&self, notifier: &Notifier, patience: Duration) -> News {
+        let mut fds = [
+            PollFd::from_borrowed_fd(self.events.as_fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(notifier.fd(), PollFlags::IN),
+        ];
+        // An interrupting signal ends the wait early, as a notification would.
         let _ = poll(&mut fds, Timespec::try_from(patience).ok().as_ref());
-        if bell.hush() {
-            News::Rung
+        if notifier.clear() {
+            News::Notified
         } else if self.drain() {
             News::Devices
         } else {
@@ -80,11 +82,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_news_patience_runs_out_and_a_ring_ends_it() {
-        let (hotplug, bell) = (Hotplug::new().unwrap(), Wake::new().unwrap());
-        assert_eq!(hotplug.wait(&bell, Duration::from_millis(1)), News::Nothing);
-        bell.ring();
-        assert_eq!(hotplug.wait(&bell, Duration::from_secs(60)), News::Rung);
+    fn without_news_patience_runs_out_and_a_notification_ends_it() {
+        let (hotplug, notifier) = (Hotplug::new().unwrap(), Notifier::new().unwrap());
+        assert_eq!(hotplug.wait(&notifier, Duration::from_millis(1)), News::Nothing);
+        notifier.notify();
+        assert_eq!(hotplug.wait(&notifier, Duration::from_secs(60)), News::Notified);
         assert!(!hotplug.drain());
     }
 }

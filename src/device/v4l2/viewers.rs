@@ -10,7 +10,7 @@ use rustix::io::Errno;
 
 use super::super::DeviceError;
 use super::node::Node;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 
 /// v4l2loopback's V4L2_EVENT_PRI_CLIENT_USAGE: the first word is how many readers stream. The versions that send it serve one reader
 /// at a time, so it is 0 or 1.
@@ -70,24 +70,24 @@ impl Viewers {
         matches!(self.way, Way::Told(_))
     }
 
-    /// Waits until somebody begins or ceases to watch, `bell` rings or `patience` runs out; says how many watch. Where the module
+    /// Waits until somebody begins or ceases to watch, `notifier` is notified or `patience` runs out; says how many watch. Where the module
     /// tells: streaming readers. Where it is counted: openings of loopback devices beside this process's own, more than watch.
     ///
     /// # Errors
     /// Where the device is gone.
-    pub fn wait(&mut self, bell: &Wake, patience: Option<Duration>) -> Result<u32, DeviceError> {
+    pub fn wait(&mut self, notifier: &Notifier, patience: Option<Duration>) -> Result<u32, DeviceError> {
         let before = Instant::now();
         loop {
             let left = patience.map(|patience| patience.saturating_sub(before.elapsed()));
-            let (was, rung) = (self.count, self.listen(bell, left)?);
-            if rung || self.count != was || left.is_some_and(|left| left.is_zero()) {
+            let (was, notified) = (self.count, self.listen(notifier, left)?);
+            if notified || self.count != was || left.is_some_and(|left| left.is_zero()) {
                 return Ok(self.count);
             }
         }
     }
 
-    /// One wait at the poll, and what came of it; says whether the bell rang.
-    fn listen(&mut self, bell: &Wake, left: Option<Duration>) -> Result<bool, DeviceError> {
+    /// One wait at the poll, and what came of it; says whether it was notified.
+    fn listen(&mut self, notifier: &Notifier, left: Option<Duration>) -> Result<bool, DeviceError> {
         let own = match &self.way {
             Way::Told(_) => None,
             Way::Counted { since: Some(since), .. } => Some(SETTLED.saturating_sub(since.elapsed())),
@@ -101,12 +101,12 @@ impl Viewers {
             Way::Told(node) => (node.fd(), PollFlags::PRI),
             Way::Counted { heard, .. } => (heard.as_fd(), PollFlags::IN),
         };
-        let mut fds = [PollFd::from_borrowed_fd(fd, flags), PollFd::from_borrowed_fd(bell.fd(), PollFlags::IN)];
+        let mut fds = [PollFd::from_borrowed_fd(fd, flags), PollFd::from_borrowed_fd(notifier.fd(), PollFlags::IN)];
         // An interrupting signal is like a timeout: look, and wait again.
         let _ = poll(&mut fds, patience.and_then(|patience| Timespec::try_from(patience).ok()).as_ref());
-        let (heard, rung) = (fds[0].revents(), !fds[1].revents().is_empty());
-        if rung {
-            bell.hush();
+        let (heard, notified) = (fds[0].revents(), !fds[1].revents().is_empty());
+        if notified {
+            notifier.clear();
         }
         match &mut self.way {
             Way::Told(node) => {
@@ -132,7 +132,7 @@ impl Viewers {
                 }
             }
         }
-        Ok(rung)
+        Ok(notified)
     }
 }
 

@@ -33,7 +33,7 @@ const HEAD: &str = "# What gimbald found out about cameras, by camera and mode. 
 /// A camera in one of its modes.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Mode {
+pub(super) struct CameraMode {
     name: String,
     bus: String,
     format: String,
@@ -47,7 +47,7 @@ pub(super) struct Mode {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 struct Entry {
     #[serde(flatten)]
-    mode: Mode,
+    mode: CameraMode,
     #[serde(skip_serializing_if = "Option::is_none")]
     readout_ms: Option<Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -77,9 +77,9 @@ struct Held {
     changed: bool,
 }
 
-/// The memory; without a state directory it remembers nothing.
+/// Saved calibrations; without a state directory nothing is saved.
 #[derive(Debug)]
-pub(super) struct Memory {
+pub(super) struct CalibrationStore {
     file: Option<StateFile>,
     state: Mutex<State>,
 }
@@ -88,13 +88,13 @@ pub(super) struct Memory {
 struct State {
     /// Last used last.
     entries: Vec<Held>,
-    current: Option<Mode>,
+    current: Option<CameraMode>,
     /// When it was written or read.
     since: Instant,
     failed: bool,
 }
 
-impl Mode {
+impl CameraMode {
     /// The mode that a camera streams in.
     pub(super) fn of(camera: &Capture) -> Self {
         let (name, bus) = camera.name_and_bus();
@@ -129,7 +129,7 @@ impl Value {
     }
 }
 
-impl Memory {
+impl CalibrationStore {
     /// Reads what is kept in `directory`. A file that cannot be used is named in the log; one that is only damaged is replaced as soon as
     /// there is something to write.
     pub(super) fn open(directory: Option<&Path>) -> Self {
@@ -150,7 +150,7 @@ impl Memory {
     }
 
     /// Whether anything is kept.
-    pub(super) fn keeps(&self) -> bool {
+    pub(super) fn is_enabled(&self) -> bool {
         self.file.is_some()
     }
 
@@ -164,7 +164,7 @@ impl Memory {
     }
 
     /// A stream in `mode` begins, for which the settings say `camera`: what they leave open begins where it was left.
-    pub(super) fn begin(&self, mode: Mode, camera: Camera) -> Camera {
+    pub(super) fn begin(&self, mode: CameraMode, camera: Camera) -> Camera {
         let mut state = self.state();
         let mut start = camera;
         if let Some(at) = state.entries.iter().position(|held| held.entry.mode == mode) {
@@ -186,9 +186,9 @@ impl Memory {
     }
 
     /// Takes over what is believed of the camera now; from time to time, it is written.
-    pub(super) fn learn(&self, found: &Calibration) {
+    pub(super) fn record(&self, found: &Calibration) {
         let mut state = self.state();
-        state.learn(found);
+        state.record(found);
         if state.since.elapsed() >= EVERY {
             self.write(&mut state);
         }
@@ -197,7 +197,7 @@ impl Memory {
     /// The stream ends; what was learned is written.
     pub(super) fn end(&self, found: &Calibration) {
         let mut state = self.state();
-        state.learn(found);
+        state.record(found);
         state.current = None;
         self.write(&mut state);
     }
@@ -241,7 +241,7 @@ impl State {
         self.entries.iter().any(|held| held.changed)
     }
 
-    fn learn(&mut self, found: &Calibration) {
+    fn record(&mut self, found: &Calibration) {
         let Some(mode) = self.current.clone() else { return };
         let readout = certainty::known_readout(found, mode.interval_s()).map(|estimate| Value::new(estimate, 1e3));
         // what would be refused when it is read is not kept
@@ -310,16 +310,16 @@ fn text_of(entries: &[Entry]) -> Result<String, Unusable> {
 pub fn fuzz(text: &str) {
     let Ok(entries) = entries_of(Some(text.to_owned())) else { return };
     let state = State { entries: Vec::new(), current: None, since: Instant::now(), failed: false };
-    let memory = Memory { file: None, state: Mutex::new(state) };
-    memory.state().entries = entries.iter().cloned().map(Held::as_read).collect();
+    let store = CalibrationStore { file: None, state: Mutex::new(state) };
+    store.state().entries = entries.iter().cloned().map(Held::as_read).collect();
     let (readout, hfov) = ((-0.0251, 8e-5), (61.2, 0.1));
     for entry in &entries {
-        let _ = (memory.latest(), memory.begin(entry.mode.clone(), Camera::default()));
+        let _ = (store.latest(), store.begin(entry.mode.clone(), Camera::default()));
         let found =
             Calibration { readout_s: readout.0, readout_deviation_s: readout.1, hfov_deg: hfov.0, hfov_deviation_deg: hfov.1 };
-        memory.end(&found);
+        store.end(&found);
     }
-    let merged = merge(entries, &memory.state().entries);
+    let merged = merge(entries, &store.state().entries);
     assert!(merged.len() <= MOST_CAMERAS);
     let written = text_of(&merged).expect("what was read can be written");
     let read = entries_of(Some(written)).expect("what was written can be read");
@@ -348,8 +348,8 @@ mod tests {
         }
     }
 
-    fn mode(name: &str) -> Mode {
-        Mode { name: name.into(), bus: "usb-1".into(), format: "MJPEG".into(), width: 640, height: 480, fps: 30.0 }
+    fn mode(name: &str) -> CameraMode {
+        CameraMode { name: name.into(), bus: "usb-1".into(), format: "MJPEG".into(), width: 640, height: 480, fps: 30.0 }
     }
 
     const SURE: Calibration =
@@ -360,15 +360,15 @@ mod tests {
     #[test]
     fn what_was_found_is_known_after_a_restart_for_the_same_camera_and_mode() {
         let scratch = Scratch::new();
-        let memory = Memory::open(Some(scratch.path()));
-        assert_eq!(memory.begin(mode("A \"quoted\" name"), Camera::default()), Camera::default());
-        memory.learn(&SURE);
+        let store = CalibrationStore::open(Some(scratch.path()));
+        assert_eq!(store.begin(mode("A \"quoted\" name"), Camera::default()), Camera::default());
+        store.record(&SURE);
         assert_eq!(scratch.text(), "", "not before its time");
-        memory.end(&SURE);
+        store.end(&SURE);
         assert!(scratch.text().starts_with("# What gimbald"), "{}", scratch.text());
 
-        let memory = Memory::open(Some(scratch.path()));
-        let start = memory.begin(mode("A \"quoted\" name"), Camera::default());
+        let store = CalibrationStore::open(Some(scratch.path()));
+        let start = store.begin(mode("A \"quoted\" name"), Camera::default());
         let (Known::About(readout_ms, readout_off), Known::About(hfov_deg, hfov_off)) = (start.readout_ms, start.hfov_deg)
         else {
             panic!("{start:?}");
@@ -377,12 +377,14 @@ mod tests {
         // wider than the filter's own, but still worth something
         assert!((0.3..1.0).contains(&readout_off) && (0.5..1.0).contains(&hfov_off), "{start:?}");
         let given = Camera { readout_ms: Known::Exactly(20.0), hfov_deg: Known::Nothing };
-        let mixed = memory.begin(mode("A \"quoted\" name"), given);
+        let mixed = store.begin(mode("A \"quoted\" name"), given);
         assert_eq!((mixed.readout_ms, mixed.hfov_deg), (Known::Exactly(20.0), start.hfov_deg));
-        for other in
-            [mode("B"), Mode { fps: 15.0, ..mode("A \"quoted\" name") }, Mode { width: 1280, ..mode("A \"quoted\" name") }]
-        {
-            assert_eq!(memory.begin(other, Camera::default()), Camera::default());
+        for other in [
+            mode("B"),
+            CameraMode { fps: 15.0, ..mode("A \"quoted\" name") },
+            CameraMode { width: 1280, ..mode("A \"quoted\" name") },
+        ] {
+            assert_eq!(store.begin(other, Camera::default()), Camera::default());
         }
     }
 
@@ -390,24 +392,24 @@ mod tests {
     fn what_is_vague_or_was_given_is_not_kept_and_does_not_overwrite() {
         let scratch = Scratch::new();
         let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, ..SURE };
-        let memory = Memory::open(Some(scratch.path()));
+        let store = CalibrationStore::open(Some(scratch.path()));
         for nothing in [VAGUE, given, Calibration::default()] {
-            memory.begin(mode("A"), Camera::default());
-            memory.end(&nothing);
+            store.begin(mode("A"), Camera::default());
+            store.end(&nothing);
             assert_eq!(scratch.text(), "", "{nothing:?}");
         }
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&SURE);
+        store.begin(mode("A"), Camera::default());
+        store.end(&SURE);
         let text = scratch.text();
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&VAGUE);
+        store.begin(mode("A"), Camera::default());
+        store.end(&VAGUE);
         // nearly the same is not written again
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&Calibration { readout_s: SURE.readout_s + 1e-5, ..SURE });
-        assert!(!memory.state().changed());
+        store.begin(mode("A"), Camera::default());
+        store.end(&Calibration { readout_s: SURE.readout_s + 1e-5, ..SURE });
+        assert!(!store.state().changed());
         assert_eq!(scratch.text(), text);
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&Calibration { readout_s: -0.02, ..SURE });
+        store.begin(mode("A"), Camera::default());
+        store.end(&Calibration { readout_s: -0.02, ..SURE });
         assert!(scratch.text().contains("-20.0"), "{}", scratch.text());
     }
 
@@ -415,12 +417,12 @@ mod tests {
     #[test]
     fn what_would_be_refused_is_not_kept() {
         let scratch = Scratch::new();
-        let slow = Mode { fps: 9.6, ..mode("slow") };
+        let slow = CameraMode { fps: 9.6, ..mode("slow") };
         for (readout_s, is_kept) in [(0.0999, true), (0.1001, false), (-0.102, false)] {
-            let memory = Memory::open(Some(scratch.path()));
-            memory.begin(slow.clone(), Camera::default());
-            memory.end(&Calibration { readout_s, readout_deviation_s: 1e-3, ..SURE });
-            let known = Memory::open(Some(scratch.path())).begin(slow.clone(), Camera::default());
+            let store = CalibrationStore::open(Some(scratch.path()));
+            store.begin(slow.clone(), Camera::default());
+            store.end(&Calibration { readout_s, readout_deviation_s: 1e-3, ..SURE });
+            let known = CalibrationStore::open(Some(scratch.path())).begin(slow.clone(), Camera::default());
             assert!(known.hfov_deg != Known::Nothing, "{readout_s}: the rest is kept, and read");
             let kept = matches!(known.readout_ms, Known::About(readout_ms, _) if (readout_ms - 1e3 * readout_s).abs() < 1e-6);
             assert_eq!(kept, is_kept, "{readout_s}: {known:?}");
@@ -441,41 +443,43 @@ mod tests {
             &[b'#'; 1 << 17],
         ] {
             fs::write(scratch.path().join(NAME), content).unwrap();
-            let memory = Memory::open(Some(scratch.path()));
-            assert_eq!(memory.begin(mode("A"), Camera::default()), Camera::default());
-            memory.end(&SURE);
-            assert_ne!(Memory::open(Some(scratch.path())).begin(mode("A"), Camera::default()), Camera::default());
+            let store = CalibrationStore::open(Some(scratch.path()));
+            assert_eq!(store.begin(mode("A"), Camera::default()), Camera::default());
+            store.end(&SURE);
+            assert_ne!(CalibrationStore::open(Some(scratch.path())).begin(mode("A"), Camera::default()), Camera::default());
         }
-        let memory = Memory::open(Some(&scratch.path().join("no-such-directory")));
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&SURE);
-        assert!(memory.state().failed);
+        let store = CalibrationStore::open(Some(&scratch.path().join("no-such-directory")));
+        store.begin(mode("A"), Camera::default());
+        store.end(&SURE);
+        assert!(store.state().failed);
     }
 
     #[test]
     fn many_cameras_are_kept_and_the_one_used_longest_ago_goes() {
         let scratch = Scratch::new();
-        let memory = Memory::open(Some(scratch.path()));
+        let store = CalibrationStore::open(Some(scratch.path()));
         for n in 0..MOST_CAMERAS {
-            memory.begin(mode(&format!("camera {n}")), Camera::default());
-            memory.end(&SURE);
+            store.begin(mode(&format!("camera {n}")), Camera::default());
+            store.end(&SURE);
         }
-        memory.begin(mode("camera 0"), Camera::default());
-        memory.begin(mode("one more"), Camera::default());
-        memory.end(&SURE);
-        let known = |name: &str| Memory::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
+        store.begin(mode("camera 0"), Camera::default());
+        store.begin(mode("one more"), Camera::default());
+        store.end(&SURE);
+        let known =
+            |name: &str| CalibrationStore::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
         assert!(known("one more") && known("camera 0") && !known("camera 1") && known("camera 2"));
     }
 
     #[test]
     fn two_daemons_keep_what_each_learned() {
         let scratch = Scratch::new();
-        let (one, other) = (Memory::open(Some(scratch.path())), Memory::open(Some(scratch.path())));
-        for (memory, name) in [(&one, "A"), (&other, "B")] {
-            memory.begin(mode(name), Camera::default());
-            memory.end(&SURE);
+        let (one, other) = (CalibrationStore::open(Some(scratch.path())), CalibrationStore::open(Some(scratch.path())));
+        for (store, name) in [(&one, "A"), (&other, "B")] {
+            store.begin(mode(name), Camera::default());
+            store.end(&SURE);
         }
-        let known = |name: &str| Memory::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
+        let known =
+            |name: &str| CalibrationStore::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
         assert!(known("A") && known("B") && !known("C"));
         // What was deleted from the file is not brought back by a daemon that had read it.
         fs::remove_file(scratch.path().join(NAME)).unwrap();
@@ -491,21 +495,21 @@ mod tests {
         let elsewhere = scratch.path().join("elsewhere");
         fs::write(&elsewhere, "another's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, scratch.path().join(NAME)).unwrap();
-        let memory = Memory::open(Some(scratch.path()));
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&SURE);
-        assert!(memory.state().failed && memory.state().changed());
+        let store = CalibrationStore::open(Some(scratch.path()));
+        store.begin(mode("A"), Camera::default());
+        store.end(&SURE);
+        assert!(store.state().failed && store.state().changed());
         assert_eq!(scratch.text(), "another's");
         fs::remove_file(scratch.path().join(NAME)).unwrap();
-        memory.end(&SURE);
-        assert!(!memory.state().failed && scratch.text().starts_with("# What gimbald"), "tried again at the next end");
+        store.end(&SURE);
+        assert!(!store.state().failed && scratch.text().starts_with("# What gimbald"), "tried again at the next end");
     }
 
     #[test]
     fn without_a_state_directory_nothing_is_kept() {
-        let memory = Memory::open(None);
-        assert!(!memory.keeps());
-        memory.begin(mode("A"), Camera::default());
-        memory.end(&SURE);
+        let store = CalibrationStore::open(None);
+        assert!(!store.is_enabled());
+        store.begin(mode("A"), Camera::default());
+        store.end(&SURE);
     }
 }

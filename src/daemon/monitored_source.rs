@@ -1,12 +1,12 @@
 //! A camera while its frames go by: what it loses and what cannot be used is counted and said, and something is done about it.
 
-use super::audience::Seats;
-use super::pulse::Pulse;
+use super::heartbeat::Heartbeat;
 use super::recovery::{Recovery, Step};
-use crate::control::{Lost, State};
+use super::viewers::ViewerStatus;
+use crate::control::{Losses, Phase};
 use crate::device::v4l2::Capture;
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
-use crate::rt::rarely::Rarely;
+use crate::rt::log_throttle::LogThrottle;
 
 /// How often is looked at what became of the frames (nanoseconds).
 const LOOK_EVERY_NS: i64 = 250_000_000;
@@ -20,16 +20,16 @@ const SILENT_NS: i64 = 3_000_000_000;
 /// What is asked of a camera here.
 pub(super) trait Camera: FrameSource {
     /// What it lost since it was opened.
-    fn lost(&self) -> Lost;
+    fn losses(&self) -> Losses;
 
     /// Stops and starts its stream.
     fn restart(&mut self) -> Result<(), DeviceError>;
 }
 
 impl Camera for Capture {
-    fn lost(&self) -> Lost {
+    fn losses(&self) -> Losses {
         let counts = self.counts();
-        Lost {
+        Losses {
             missing: counts.missing,
             stale: counts.dropped,
             failed_transfers: counts.failed_transfers,
@@ -42,14 +42,14 @@ impl Camera for Capture {
     }
 }
 
-/// A camera whose frames and silences leave their mark in a [`Pulse`].
-pub(super) struct Attended<'a> {
+/// A camera whose frames and silences leave their mark in a [`Heartbeat`].
+pub(super) struct MonitoredSource<'a> {
     pub(super) camera: &'a mut dyn Camera,
-    pub(super) pulse: &'a Pulse<'a>,
+    pub(super) heartbeat: &'a Heartbeat<'a>,
     /// What the daemon is at, as long as frames can be used.
     pub(super) what: String,
     /// Those who want the camera, where nobody else does.
-    pub(super) audience: Option<Seats>,
+    pub(super) viewers: Option<ViewerStatus>,
     pub(super) recovery: &'a mut Recovery,
     pub(super) notes: Notes,
     /// Nanoseconds on CLOCK_MONOTONIC; a test has a clock of its own.
@@ -60,11 +60,11 @@ pub(super) struct Attended<'a> {
     pub(super) step: Step,
 }
 
-/// What an [`Attended`] remembers.
+/// What an [`MonitoredSource`] remembers.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     /// What the camera said it lost, as far as it was told.
-    told: Lost,
+    told: Losses,
     /// When it was looked at the frames last; 0 before the first time.
     looked_ns: i64,
     /// Frames and usable frames, and when there were fewer for the last time.
@@ -77,28 +77,28 @@ pub(super) struct Notes {
     /// Unusable frames that were logged, and when the first one was seen that was not.
     logged: u64,
     first_ns: Option<i64>,
-    some: Rarely,
+    some: LogThrottle,
     /// Why no frame can be used any more, in words.
     none_usable: Option<String>,
-    none: Rarely,
+    none: LogThrottle,
     /// Cut frames before this stream, and those of it that were logged.
     cut: Option<u64>,
     cut_logged: u64,
-    cuts: Rarely,
-    restarts: Rarely,
+    cuts: LogThrottle,
+    restarts: LogThrottle,
 }
 
-impl Attended<'_> {
+impl MonitoredSource<'_> {
     /// Looks at what became of the frames so far, says it, and says what to do.
     fn look(&mut self, now_ns: i64) -> Step {
-        self.pulse.lost(self.camera.lost(), &mut self.notes.told);
+        self.heartbeat.add_losses(self.camera.losses(), &mut self.notes.told);
         if self.notes.looked_ns == 0 {
             (self.notes.usable_ns, self.notes.frames_ns) = (now_ns, now_ns);
         } else if now_ns.saturating_sub(self.notes.looked_ns) < LOOK_EVERY_NS {
             return Step::GoOn;
         }
         self.notes.looked_ns = now_ns;
-        let (frames, unusable) = self.pulse.stream_counts();
+        let (frames, unusable) = self.heartbeat.stream_counts();
         self.watch_silence(now_ns, frames);
         self.watch_cuts(now_ns, frames);
         self.say(now_ns, frames, unusable);
@@ -112,7 +112,7 @@ impl Attended<'_> {
             Notes { none_usable: Some(words), .. } => format!("{}; {words}", self.what),
             _ => self.what.clone(),
         };
-        self.pulse.doing(what, State::Streaming);
+        self.heartbeat.set_activity(what, Phase::Streaming);
     }
 
     /// Tells when no frame comes, and when one does again; the capture logs it, and restarts the stream.
@@ -129,7 +129,7 @@ impl Attended<'_> {
 
     /// Logs frames of which a part is shown, rarely.
     fn watch_cuts(&mut self, now_ns: i64, frames: u64) {
-        let (notes, all) = (&mut self.notes, self.pulse.cut());
+        let (notes, all) = (&mut self.notes, self.heartbeat.cut());
         let cut = all - *notes.cut.get_or_insert(all);
         if cut > notes.cut_logged && notes.cuts.is_due(now_ns) {
             notes.cut_logged = cut;
@@ -161,7 +161,7 @@ impl Attended<'_> {
         if !due && !ends {
             return;
         }
-        let (frames, reasons) = self.pulse.stream();
+        let (frames, reasons) = self.heartbeat.stream();
         let Some(words) = reasons.in_words(frames) else { return };
         if due {
             (notes.logged, notes.first_ns) = (unusable, None);
@@ -182,7 +182,7 @@ impl Attended<'_> {
     }
 }
 
-impl FrameSource for Attended<'_> {
+impl FrameSource for MonitoredSource<'_> {
     fn format(&self) -> StreamFormat {
         self.camera.format()
     }
@@ -190,7 +190,7 @@ impl FrameSource for Attended<'_> {
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
         let now_ns = (self.clock)();
         let step = self.look(now_ns);
-        if self.audience.as_ref().is_some_and(|seats| !seats.want_camera()) {
+        if self.viewers.as_ref().is_some_and(|viewers| !viewers.wants_camera()) {
             return Ok(Lent::End);
         }
         match step {
@@ -203,11 +203,11 @@ impl FrameSource for Attended<'_> {
         }
         match self.camera.lend() {
             Ok(Lent::Idle) => {
-                self.pulse.camera_idle();
+                self.heartbeat.camera_idle();
                 Ok(Lent::Idle)
             }
             Ok(lent) => {
-                self.pulse.frame_lent(now_ns);
+                self.heartbeat.frame_captured(now_ns);
                 Ok(lent)
             }
             Err(error) => {
@@ -224,7 +224,7 @@ mod tests {
 
     use super::*;
     use crate::config::Settings;
-    use crate::control::{Desk, Status};
+    use crate::control::{DaemonState, Status};
     use crate::device::null::NullSink;
     use crate::device::{FrameSink, RawFrame};
     use crate::frame::Stamp;
@@ -267,8 +267,8 @@ mod tests {
     }
 
     impl Camera for Fake {
-        fn lost(&self) -> Lost {
-            Lost { restarts: self.restarts.len() as u64, ..Lost::default() }
+        fn losses(&self) -> Losses {
+            Losses { restarts: self.restarts.len() as u64, ..Losses::default() }
         }
 
         fn restart(&mut self) -> Result<(), DeviceError> {
@@ -315,33 +315,33 @@ mod tests {
         let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::Yuyv, (1, 30));
         let bytes = vec![128; format.frame_bytes().unwrap()];
         let mut camera = Fake { format, clock: clock.1, bytes, given: 0, is_whole, ends_at, restarts: Vec::new() };
-        let desk = Desk::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())));
-        let pulse = Pulse::new(Systemd::nobody(), &desk);
+        let state = DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())));
+        let heartbeat = Heartbeat::new(Systemd::nobody(), &state);
         let mut recovery = Recovery::new();
         recovery.begin(clock.0(), true, false);
         let mut sink = Wall { inner: NullSink::new(&format), placeholders: 0 };
-        let mut attended = Attended {
+        let mut monitored_source = MonitoredSource {
             camera: &mut camera,
-            pulse: &pulse,
+            heartbeat: &heartbeat,
             what: "a to b".into(),
-            audience: None,
+            viewers: None,
             recovery: &mut recovery,
             notes: Notes::default(),
             clock: clock.0,
             failed: false,
             step: Step::GoOn,
         };
-        let mut observer = &pulse;
-        let params = desk.live.params();
-        let totals = run_live(&mut attended, &mut sink, &params, &desk.live, &Stop::default(), &mut observer).unwrap();
-        let step = attended.step;
+        let mut observer = &heartbeat;
+        let params = state.live.params();
+        let totals = run_live(&mut monitored_source, &mut sink, &params, &state.live, &Stop::default(), &mut observer).unwrap();
+        let step = monitored_source.step;
         Ran {
             step,
             restarts: camera.restarts,
             drawn: sink.inner.submitted(),
             placeholders: sink.placeholders,
             dropped: totals.dropped,
-            status: desk.status(),
+            status: state.status(),
         }
     }
 

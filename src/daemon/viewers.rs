@@ -10,8 +10,8 @@ use super::demand::Demand;
 use crate::device::DeviceError;
 use crate::device::v4l2::Viewers;
 use crate::rt::clock::monotonic_ns;
+use crate::rt::notifier::Notifier;
 use crate::rt::stop::Stop;
-use crate::rt::wake::Wake;
 use crate::share::Companions;
 
 /// Waiting without an end, for a poll that wants one.
@@ -19,26 +19,26 @@ const LONG: Duration = Duration::from_secs(3600);
 
 /// Who watches, for as long as this lives.
 #[derive(Debug)]
-pub(super) struct Audience {
-    known: Seats,
+pub(super) struct ViewerMonitor {
+    known: ViewerStatus,
     over: Stop,
-    bell: Wake,
+    notifier: Notifier,
     thread: Option<JoinHandle<()>>,
 }
 
-/// What is known of them, for any thread.
+/// Who watches, for any thread to read.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Seats(Arc<Known>);
+pub(super) struct ViewerStatus(Arc<Counts>);
 
 #[derive(Debug, Default)]
-struct Known {
+struct Counts {
     loopback: AtomicU32,
     companions: AtomicU32,
     wanted: AtomicBool,
 }
 
-impl Audience {
-    /// Follows who watches the loopback at `loopback` and the nodes of `companions`. `wake` is rung whenever an answer changes.
+impl ViewerMonitor {
+    /// Follows who watches the loopback at `loopback` and the nodes of `companions`. `wake` is notified whenever an answer changes.
     ///
     /// # Errors
     /// Where it cannot be told.
@@ -46,10 +46,10 @@ impl Audience {
         loopback: Option<&Path>,
         companions: Option<&Companions>,
         linger: Duration,
-        wake: &Wake,
+        wake: &Notifier,
     ) -> Result<Self, DeviceError> {
-        let bell = Wake::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
-        let (known, over) = (Seats::default(), Stop::default());
+        let notifier = Notifier::new().map_err(|error| DeviceError::io("eventfd", "create", error))?;
+        let (known, over) = (ViewerStatus::default(), Stop::default());
         let viewers = loopback.map(Viewers::of).transpose()?;
         if let (Some(path), Some(false)) = (loopback, viewers.as_ref().map(Viewers::are_told)) {
             tracing::info!(
@@ -58,35 +58,35 @@ impl Audience {
             );
         }
         if let Some(companions) = companions {
-            companions.tell(&bell);
+            companions.tell(&notifier);
             // Who was watching before is seen at once.
-            bell.ring();
+            notifier.notify();
         }
-        let ears = Ears { viewers, companions: companions.cloned(), bell: bell.clone() };
+        let events = ViewerEvents { viewers, companions: companions.cloned(), notifier: notifier.clone() };
         let follow = {
             let (known, over, wake) = (known.clone(), over.clone(), wake.clone());
-            move || ears.follow(linger, &known, &over, &wake)
+            move || events.follow(linger, &known, &over, &wake)
         };
-        let thread = std::thread::Builder::new().name("audience".into()).spawn(follow);
-        let thread = Some(thread.map_err(|error| DeviceError::io("audience thread", "start", error))?);
-        Ok(Self { known, over, bell, thread })
+        let thread = std::thread::Builder::new().name("viewers".into()).spawn(follow);
+        let thread = Some(thread.map_err(|error| DeviceError::io("viewers thread", "start", error))?);
+        Ok(Self { known, over, notifier, thread })
     }
 
     /// What is known of them.
-    pub(super) fn seats(&self) -> &Seats {
+    pub(super) fn status(&self) -> &ViewerStatus {
         &self.known
     }
 }
 
 /// What the thread listens to.
-struct Ears {
+struct ViewerEvents {
     viewers: Option<Viewers>,
     companions: Option<Companions>,
-    bell: Wake,
+    notifier: Notifier,
 }
 
-impl Ears {
-    fn follow(mut self, linger: Duration, known: &Seats, over: &Stop, wake: &Wake) {
+impl ViewerEvents {
+    fn follow(mut self, linger: Duration, known: &ViewerStatus, over: &Stop, wake: &Notifier) {
         // Programs look at a loopback to see what it is; a PipeWire node streams only for those who watch.
         let (mut loopback, mut nodes) = (Demand::new(linger), Demand::exact(linger));
         while !over.is_set() {
@@ -112,19 +112,19 @@ impl Ears {
     /// Waits until something changes, but no longer than `patience`; says how many watch the loopback.
     fn wait(&mut self, patience: Option<Duration>) -> Result<u32, DeviceError> {
         match &mut self.viewers {
-            Some(viewers) => viewers.wait(&self.bell, patience),
+            Some(viewers) => viewers.wait(&self.notifier, patience),
             None => {
                 // Past the moment, not short of it.
-                self.bell.wait(patience.map_or(LONG, |patience| patience + Duration::from_millis(1)));
+                self.notifier.wait(patience.map_or(LONG, |patience| patience + Duration::from_millis(1)));
                 Ok(0)
             }
         }
     }
 }
 
-impl Seats {
+impl ViewerStatus {
     /// Whether somebody watches now.
-    pub(super) fn are_taken(&self) -> bool {
+    pub(super) fn any(&self) -> bool {
         self.count() > 0
     }
 
@@ -139,25 +139,25 @@ impl Seats {
     }
 
     /// Whether the camera should be open for them.
-    pub(super) fn want_camera(&self) -> bool {
+    pub(super) fn wants_camera(&self) -> bool {
         self.0.wanted.load(Relaxed)
     }
 
-    fn set(&self, loopback: u32, companions: u32, wanted: bool, wake: &Wake) {
-        let before = self.are_taken();
+    fn set(&self, loopback: u32, companions: u32, wanted: bool, wake: &Notifier) {
+        let before = self.any();
         self.0.loopback.store(loopback, Relaxed);
         self.0.companions.store(companions, Relaxed);
-        let changed = before != self.are_taken();
+        let changed = before != self.any();
         if self.0.wanted.swap(wanted, Relaxed) != wanted || changed {
-            wake.ring();
+            wake.notify();
         }
     }
 }
 
-impl Drop for Audience {
+impl Drop for ViewerMonitor {
     fn drop(&mut self) {
         self.over.set();
-        self.bell.ring();
+        self.notifier.notify();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }

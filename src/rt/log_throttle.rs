@@ -10,14 +10,14 @@ const OVER_NS: i64 = 600 * SECOND_NS;
 
 /// Decides, for one kind of event, which of its occurrences are logged. Times are nanoseconds on any clock that does not run back.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Rarely {
+pub struct LogThrottle {
     /// Times it was logged, when last, and when the event last happened.
     times: usize,
     logged_ns: i64,
     happened_ns: i64,
 }
 
-impl Rarely {
+impl LogThrottle {
     /// The event happens (again) at `now_ns`; whether this is to be logged.
     pub fn is_due(&mut self, now_ns: i64) -> bool {
         if self.times > 0 && now_ns.saturating_sub(self.happened_ns) >= OVER_NS {
@@ -40,16 +40,16 @@ mod tests {
 
     #[test]
     fn what_happens_every_second_is_logged_at_once_and_then_ever_more_rarely() {
-        let mut rarely = Rarely::default();
-        let due: Vec<i64> = (0..9000).filter(|second| rarely.is_due(second * SECOND_NS)).collect();
+        let mut throttle = LogThrottle::default();
+        let due: Vec<i64> = (0..9000).filter(|second| throttle.is_due(second * SECOND_NS)).collect();
         assert_eq!(due, [0, 10, 70, 670, 4270, 7870]);
     }
 
     #[test]
     fn what_had_stopped_is_new_again() {
-        let mut rarely = Rarely::default();
+        let mut throttle = LogThrottle::default();
         let happens = [0, 10, 20, 700, 705, 710];
-        let due: Vec<i64> = happens.into_iter().filter(|second| rarely.is_due(second * SECOND_NS)).collect();
+        let due: Vec<i64> = happens.into_iter().filter(|second| throttle.is_due(second * SECOND_NS)).collect();
         assert_eq!(due, [0, 10, 700, 710], "after more than ten minutes without");
     }
 }

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use super::audience::Audience;
+use super::viewers::ViewerMonitor;
 use crate::config::Settings;
 use crate::device::v4l2::{Loopback, LoopbackParams};
 use crate::device::{DeviceError, FrameSink, StreamFormat, placeholder};
 use crate::frame::Stamp;
 use crate::image::{Picture, PictureMut, Sampling};
 use crate::rt::clock::monotonic_ns;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 use crate::share::{Companions, Outlet, PIXEL};
 
 /// How often readers get a picture while the camera gives none. Browsers give a camera up after some ten seconds without.
@@ -20,9 +20,9 @@ const BRIDGE_NS: i64 = 1_000_000_000;
 
 /// The outputs, and who watches them.
 #[derive(Debug)]
-pub(super) struct Screen {
+pub(super) struct LiveOutput {
     // Before the loopback: its thread listens there.
-    pub(super) audience: Audience,
+    pub(super) viewer_monitor: ViewerMonitor,
     /// `None` where there is none and PipeWire does without.
     pub(super) loopback: Option<Loopback>,
     companions: Option<(Companions, Outlet)>,
@@ -34,7 +34,7 @@ pub(super) struct Screen {
     live_ns: i64,
 }
 
-impl Screen {
+impl LiveOutput {
     /// Opens the loopback in `format`'s size (even), rate and colours; in the size that a node's readers hold where they do. A reader of
     /// the process before keeps its last picture for a moment. Where the loopback cannot be opened and companions are connected, PipeWire
     /// is the only output.
@@ -45,7 +45,7 @@ impl Screen {
         settings: &Settings,
         format: &StreamFormat,
         companions: Option<&Companions>,
-        wake: &Wake,
+        wake: &Notifier,
     ) -> Result<Self, DeviceError> {
         let (width, height) = size_for(format, companions);
         let params = LoopbackParams {
@@ -73,17 +73,17 @@ impl Screen {
         placeholder::draw(&mut placeholder.as_mut());
         let canvas = if loopback.is_none() { picture() } else { Picture::default() };
         let linger = Duration::try_from_secs_f64(settings.output.linger_s).unwrap_or_default();
-        let audience = Audience::follow(loopback.as_ref().map(Loopback::path), companions, linger, wake)?;
+        let viewer_monitor = ViewerMonitor::follow(loopback.as_ref().map(Loopback::path), companions, linger, wake)?;
         let companions = companions.map(|companions| (companions.clone(), companions.outlet(&given)));
-        Ok(Self { audience, loopback, companions, format: given, canvas, placeholder, live_ns: monotonic_ns() })
+        Ok(Self { viewer_monitor, loopback, companions, format: given, canvas, placeholder, live_ns: monotonic_ns() })
     }
 
-    /// Whether the picture that the camera gives in `format` belongs on this screen: it has its size, or those who watch hold that.
+    /// Whether the picture that the camera gives in `format` belongs on this output: it has its size, or those who watch hold that.
     pub(super) fn suits(&self, format: &StreamFormat) -> bool {
         let companions = self.companions.as_ref().map(|(companions, _)| companions);
         let wanted = size_for(format, companions);
         let held = companions.is_some_and(|companions| companions.held_size() == Some((self.format.width, self.format.height)));
-        (self.format.width, self.format.height) == wanted || held || self.audience.seats().at_loopback() > 0
+        (self.format.width, self.format.height) == wanted || held || self.viewer_monitor.status().at_loopback() > 0
     }
 
     /// Its names for people: the loopback's path, PipeWire.
@@ -118,7 +118,7 @@ impl Screen {
     /// The end: who watches the loopback may wait for the next start of a service, and keeps the picture until then, if `resumes`.
     pub(super) fn leave(mut self, resumes: bool) {
         match &mut self.loopback {
-            Some(loopback) if resumes && self.audience.seats().at_loopback() > 0 => loopback.hand_over(),
+            Some(loopback) if resumes && self.viewer_monitor.status().at_loopback() > 0 => loopback.hand_over(),
             // What is left behind in the device is not what the camera saw.
             _ => drop(self.clear()),
         }
@@ -133,7 +133,7 @@ impl Screen {
     }
 }
 
-impl FrameSink for Screen {
+impl FrameSink for LiveOutput {
     fn format(&self) -> StreamFormat {
         self.format
     }

@@ -4,14 +4,14 @@ use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::status::{CameraNow, FormatLeft, OutputNow, Spread};
+use super::status::{CameraInfo, OutputInfo, RejectedFormat, Spread};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
 use crate::rt::clock::monotonic_ns;
 
 /// What a daemon is at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum State {
+pub enum Phase {
     /// It has begun, and nothing is known yet.
     #[default]
     Starting,
@@ -25,7 +25,7 @@ pub enum State {
     Stopping,
 }
 
-impl State {
+impl Phase {
     /// Every state.
     pub const ALL: [Self; 5] = [Self::Starting, Self::Waiting, Self::Idle, Self::Streaming, Self::Stopping];
 
@@ -53,7 +53,7 @@ const SILENCE: (f64, f64) = (4.0, 1.0);
 
 /// What went wrong between a camera and its driver, since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Lost {
+pub struct Losses {
     /// Frames that the driver counted but did not give.
     pub missing: u64,
     /// Frames that were skipped because a newer one was there.
@@ -66,7 +66,7 @@ pub struct Lost {
 
 /// The counts of a daemon's life.
 #[derive(Debug)]
-pub struct Tally {
+pub struct Metrics {
     born: Instant,
     sent: AtomicU64,
     stabilized: AtomicU64,
@@ -91,24 +91,24 @@ pub struct Tally {
     confidence: AtomicU64,
     trust: AtomicU64,
     calibration: [AtomicU64; 4],
-    now: Mutex<Now>,
+    now: Mutex<Current>,
 }
 
 /// What changes with devices, not with frames.
-struct Now {
-    state: State,
+struct Current {
+    state: Phase,
     what: String,
     since: Instant,
-    camera: Option<CameraNow>,
-    output: Option<OutputNow>,
-    formats_left: Vec<FormatLeft>,
+    camera: Option<CameraInfo>,
+    output: Option<OutputInfo>,
+    formats_left: Vec<RejectedFormat>,
     /// Says whether somebody watches.
     watchers: Option<Box<dyn Fn() -> u32 + Send>>,
 }
 
-impl std::fmt::Debug for Now {
+impl std::fmt::Debug for Current {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Now").field("state", &self.state).field("what", &self.what).finish_non_exhaustive()
+        f.debug_struct("Current").field("state", &self.state).field("what", &self.what).finish_non_exhaustive()
     }
 }
 
@@ -140,11 +140,11 @@ impl Recent {
     }
 }
 
-impl Default for Tally {
+impl Default for Metrics {
     fn default() -> Self {
         let born = Instant::now();
-        let now = Now {
-            state: State::default(),
+        let now = Current {
+            state: Phase::default(),
             what: String::new(),
             since: born,
             camera: None,
@@ -180,7 +180,7 @@ impl Default for Tally {
     }
 }
 
-impl Tally {
+impl Metrics {
     /// A frame was sent. On the frame path: a few atomic stores.
     pub fn sent(&self, frame: &Frame) {
         let (now, context) = (monotonic_ns(), &frame.context);
@@ -215,7 +215,7 @@ impl Tally {
     }
 
     /// A camera says what it lost since it was opened; `told` is what it said before, and is brought up to date.
-    pub fn lost(&self, now: Lost, told: &mut Lost) {
+    pub fn add_losses(&self, now: Losses, told: &mut Losses) {
         if now != *told {
             self.missing.fetch_add(now.missing.saturating_sub(told.missing), Relaxed);
             self.stale.fetch_add(now.stale.saturating_sub(told.stale), Relaxed);
@@ -226,7 +226,7 @@ impl Tally {
     }
 
     /// What the daemon is at, with a sentence for people.
-    pub fn is_at(&self, state: State, what: &str) {
+    pub fn set_phase(&self, state: Phase, what: &str) {
         let mut now = self.now();
         if now.state != state {
             now.since = Instant::now();
@@ -235,40 +235,40 @@ impl Tally {
     }
 
     /// A camera was opened.
-    pub fn camera(&self, camera: CameraNow) {
+    pub fn set_camera(&self, camera: CameraInfo) {
         self.cameras.fetch_add(1, Relaxed);
         self.now().camera = Some(camera);
     }
 
     /// The camera was closed, or went away.
-    pub fn no_camera(&self) {
+    pub fn clear_camera(&self) {
         self.now().camera = None;
         self.calibration.iter().for_each(|kept| store(kept, 0.0));
     }
 
     /// Formats that were left for another because they gave no usable frame.
-    pub fn formats_left(&self, formats: Vec<FormatLeft>) {
+    pub fn set_rejected_formats(&self, formats: Vec<RejectedFormat>) {
         self.now().formats_left = formats;
     }
 
     /// The loopback was opened; `watchers` says how many watch it.
-    pub fn output(&self, output: OutputNow, watchers: Box<dyn Fn() -> u32 + Send>) {
+    pub fn set_output(&self, output: OutputInfo, watchers: Box<dyn Fn() -> u32 + Send>) {
         let mut now = self.now();
         (now.output, now.watchers) = (Some(output), Some(watchers));
     }
 
     /// The loopback was closed, or went away.
-    pub fn no_output(&self) {
+    pub fn clear_output(&self) {
         let mut now = self.now();
         (now.output, now.watchers) = (None, None);
     }
 
-    fn now(&self) -> MutexGuard<'_, Now> {
+    fn now(&self) -> MutexGuard<'_, Current> {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes the parts of a [`super::Status`] that are counted here.
-    pub(super) fn tell(&self, status: &mut super::Status) {
+    pub(super) fn fill(&self, status: &mut super::Status) {
         let of = |count: &AtomicU64| count.load(Relaxed);
         {
             let now = self.now();
@@ -277,7 +277,7 @@ impl Tally {
             status.since_s = now.since.elapsed().as_secs_f64();
             (status.camera, status.output) = (now.camera.clone(), now.output.clone());
             // One that is tried again is not left while it is.
-            let is_used = |left: &FormatLeft| {
+            let is_used = |left: &RejectedFormat| {
                 now.camera.as_ref().is_some_and(|camera| camera.name == left.camera && camera.format == left.format)
             };
             status.formats_left = now.formats_left.iter().filter(|left| !is_used(left)).cloned().collect();
@@ -337,16 +337,16 @@ mod tests {
     use crate::control::Status;
     use crate::frame::{HoldReason, PassReason};
 
-    fn told(tally: &Tally) -> Status {
+    fn told(metrics: &Metrics) -> Status {
         let mut status = Status::default();
-        tally.tell(&mut status);
+        metrics.fill(&mut status);
         status
     }
 
     #[test]
     fn frames_are_counted_by_what_became_of_them() {
-        let tally = Tally::default();
-        assert_eq!((told(&tally).fps, told(&tally).latency_ms), (0.0, None));
+        let metrics = Metrics::default();
+        assert_eq!((told(&metrics).fps, told(&metrics).latency_ms), (0.0, None));
         let mut frame = Frame::default();
         for outcome in [
             Outcome::Stabilized,
@@ -358,16 +358,16 @@ mod tests {
             frame.context.crop_use = 0.5;
             frame.context.spent_ns[2] = 3_000_000;
             frame.stamp.time_ns = monotonic_ns() - 20_000_000;
-            tally.sent(&frame);
+            metrics.sent(&frame);
         }
-        let status = told(&tally);
+        let status = told(&metrics);
         let frames = status.frames;
         assert_eq!((frames.sent, frames.stabilized, frames.held, frames.passed_through), (4, 2, 1, 1));
         assert_eq!(status.crop_use, Some(Spread { p50: 0.5, p99: 0.5, max: 0.5 }));
         assert_eq!(status.work_ms.map(|work| work.max), Some(3.0));
         assert!(status.latency_ms.is_some_and(|age| age.p50 >= 20.0), "{status:?}");
         assert!(status.fps > 0.0 && status.found.is_none());
-        let (ages, sum_s) = tally.ages();
+        let (ages, sum_s) = metrics.ages();
         assert_eq!(ages.iter().sum::<u64>(), 4);
         assert_eq!(ages[..8].iter().sum::<u64>(), 0, "none is younger than 16 ms");
         assert!(sum_s >= 0.08);
@@ -384,29 +384,29 @@ mod tests {
 
     #[test]
     fn a_camera_that_is_opened_anew_counts_on() {
-        let tally = Tally::default();
+        let metrics = Metrics::default();
         for _ in 0..2 {
-            let mut told = Lost::default();
-            let three = Lost { missing: 3, ..Lost::default() };
-            tally.lost(three, &mut told);
-            tally.lost(three, &mut told);
-            tally.lost(Lost { missing: 5, stale: 1, failed_transfers: 2, restarts: 3 }, &mut told);
+            let mut told = Losses::default();
+            let three = Losses { missing: 3, ..Losses::default() };
+            metrics.add_losses(three, &mut told);
+            metrics.add_losses(three, &mut told);
+            metrics.add_losses(Losses { missing: 5, stale: 1, failed_transfers: 2, restarts: 3 }, &mut told);
         }
-        let drops = told(&tally).drops;
+        let drops = told(&metrics).drops;
         assert_eq!((drops.camera_missing, drops.camera_stale), (10, 2));
         assert_eq!((drops.failed_transfers, drops.restarts), (4, 6));
     }
 
     #[test]
     fn a_state_is_as_old_as_it_is_whatever_is_said_of_it() {
-        let tally = Tally::default();
-        tally.is_at(State::Waiting, "for a camera");
-        let since = tally.now().since;
-        tally.is_at(State::Waiting, "for another");
-        assert_eq!(tally.now().since, since);
-        tally.is_at(State::Streaming, "a to b");
-        assert!(tally.now().since > since);
-        let status = told(&tally);
+        let metrics = Metrics::default();
+        metrics.set_phase(Phase::Waiting, "for a camera");
+        let since = metrics.now().since;
+        metrics.set_phase(Phase::Waiting, "for another");
+        assert_eq!(metrics.now().since, since);
+        metrics.set_phase(Phase::Streaming, "a to b");
+        assert!(metrics.now().since > since);
+        let status = told(&metrics);
         assert_eq!((status.state.as_str(), status.what.as_str()), ("streaming", "a to b"));
     }
 }

@@ -4,16 +4,16 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-use crate::control::{Desk, Lost, State};
+use crate::control::{DaemonState, Losses, Phase};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Reasons};
 use crate::rt::clock::monotonic_ns;
-use crate::rt::wake::Wake;
+use crate::rt::notifier::Notifier;
 use crate::systemd::Systemd;
 
-use super::memory::Memory;
+use super::calibration_store::CalibrationStore;
 
 /// How often the status line is told anew, at most.
 const STATUS_EVERY: Duration = Duration::from_secs(5);
@@ -21,11 +21,11 @@ const STATUS_EVERY: Duration = Duration::from_secs(5);
 /// A frame that was lent this long before the last (nanoseconds) must have been sent: more than the pipeline ever holds back.
 const LATE_NS: i64 = 1_000_000_000;
 
-/// Written by the frame path (a few atomic stores a frame), read by [`attend`].
+/// Written by the frame path (a few atomic stores a frame), read by [`run_watchdog`].
 #[derive(Debug)]
-pub(super) struct Pulse<'a> {
+pub(super) struct Heartbeat<'a> {
     systemd: Systemd,
-    desk: &'a Desk,
+    state: &'a DaemonState,
     ready: AtomicBool,
     streaming: AtomicBool,
     /// When the daemon last got on, or had nothing to do and knew it.
@@ -43,11 +43,11 @@ pub(super) struct Pulse<'a> {
     doing: Mutex<String>,
 }
 
-impl<'a> Pulse<'a> {
-    pub(super) fn new(systemd: Systemd, desk: &'a Desk) -> Self {
+impl<'a> Heartbeat<'a> {
+    pub(super) fn new(systemd: Systemd, state: &'a DaemonState) -> Self {
         Self {
             systemd,
-            desk,
+            state,
             ready: AtomicBool::new(false),
             streaming: AtomicBool::new(false),
             beat_ns: AtomicI64::new(monotonic_ns()),
@@ -67,10 +67,10 @@ impl<'a> Pulse<'a> {
     }
 
     /// Says what the daemon is at, for `systemctl status` and whoever asks; while it is streaming, its rate will be added.
-    pub(super) fn doing(&self, what: String, state: State) {
+    pub(super) fn set_activity(&self, what: String, state: Phase) {
         self.systemd.status(&what);
-        self.desk.tally.is_at(state, &what);
-        self.streaming.store(state == State::Streaming, Relaxed);
+        self.state.metrics.set_phase(state, &what);
+        self.streaming.store(state == Phase::Streaming, Relaxed);
         *self.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = what;
     }
 
@@ -78,7 +78,7 @@ impl<'a> Pulse<'a> {
     pub(super) fn ready(&self) {
         if !self.ready.load(Relaxed) && !self.ready.swap(true, Relaxed) {
             self.systemd.ready();
-            self.desk.is_ready();
+            self.state.set_ready();
         }
     }
 
@@ -107,28 +107,28 @@ impl<'a> Pulse<'a> {
     }
 
     /// The camera gave a frame at `now_ns`.
-    pub(super) fn frame_lent(&self, now_ns: i64) {
+    pub(super) fn frame_captured(&self, now_ns: i64) {
         self.lent_ns.store(now_ns, Relaxed);
     }
 
-    /// What the camera lost since it was opened; `told` as [`crate::control::Tally::lost`].
-    pub(super) fn lost(&self, now: Lost, told: &mut Lost) {
-        self.desk.tally.lost(now, told);
+    /// What the camera lost since it was opened; `told` as [`crate::control::Metrics::add_losses`].
+    pub(super) fn add_losses(&self, now: Losses, told: &mut Losses) {
+        self.state.metrics.add_losses(now, told);
     }
 
     /// Frames of which a part was shown, in all streams.
     pub(super) fn cut(&self) -> u64 {
-        self.desk.live.counts().cut
+        self.state.live.counts().cut
     }
 
     /// Frames of the present stream, and how many of them could not be used.
     pub(super) fn stream_counts(&self) -> (u64, u64) {
-        self.desk.live.stream_counts()
+        self.state.live.stream_counts()
     }
 
     /// The same with the reasons.
     pub(super) fn stream(&self) -> (u64, Reasons) {
-        self.desk.live.stream()
+        self.state.live.stream()
     }
 
     /// The camera gives nothing. That is life only if what it gave before has been sent.
@@ -151,30 +151,30 @@ impl<'a> Pulse<'a> {
     }
 }
 
-/// Feeds systemd's watchdog while there are beats, and its status line, and lets `memory` learn; until `done` rings.
-pub(super) fn attend(pulse: &Pulse<'_>, memory: &Memory, done: &Wake) {
-    let watchdog = pulse.systemd.watchdog();
+/// Feeds systemd's watchdog while there are beats, and its status line, and records calibrations in `store`, until `done` is notified.
+pub(super) fn run_watchdog(heartbeat: &Heartbeat<'_>, store: &CalibrationStore, done: &Notifier) {
+    let watchdog = heartbeat.systemd.watchdog();
     let period = watchdog.map_or(STATUS_EVERY, |limit| (limit / 4).min(STATUS_EVERY));
     let (mut told_ns, mut told_sent, mut told_age) = (monotonic_ns(), 0, 0);
     while !done.wait(period) {
         let now = monotonic_ns();
-        let silent_ns = now.saturating_sub(pulse.beat_ns.load(Relaxed));
+        let silent_ns = now.saturating_sub(heartbeat.beat_ns.load(Relaxed));
         if let Some(limit) = watchdog {
             if i128::from(silent_ns) < (limit / 2).as_nanos() as i128 {
-                pulse.systemd.alive();
+                heartbeat.systemd.alive();
             } else {
                 tracing::error!(seconds = silent_ns / 1_000_000_000, "nothing gets on: the watchdog is not fed");
             }
         }
-        memory.learn(&pulse.calibration());
+        store.record(&heartbeat.calibration());
         if now - told_ns >= STATUS_EVERY.as_nanos() as i64 {
-            let (sent, age) = (pulse.sent.load(Relaxed), pulse.age_ns.load(Relaxed));
+            let (sent, age) = (heartbeat.sent.load(Relaxed), heartbeat.age_ns.load(Relaxed));
             let frames = sent - told_sent;
-            if frames > 0 && pulse.streaming.load(Relaxed) {
+            if frames > 0 && heartbeat.streaming.load(Relaxed) {
                 let fps = frames as f64 * 1e9 / (now - told_ns) as f64;
                 let age_ms = (age - told_age) as f64 / frames as f64 / 1e6;
-                let doing = pulse.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
-                pulse
+                let doing = heartbeat.doing.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
+                heartbeat
                     .systemd
                     .status(&format!("{doing}; {fps:.1} frames a second, {age_ms:.0} ms old when sent, {sent} in all"));
             }
@@ -184,11 +184,11 @@ pub(super) fn attend(pulse: &Pulse<'_>, memory: &Memory, done: &Wake) {
 }
 
 /// Marks each frame that was sent.
-impl Observer for &Pulse<'_> {
+impl Observer for &Heartbeat<'_> {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
 
     fn sent(&mut self, frame: &Frame) {
-        self.desk.tally.sent(frame);
+        self.state.metrics.sent(frame);
         self.frame_sent(frame.stamp.time_ns, frame.context.outcome);
         self.keep_calibration(&frame.context.calibration);
     }
@@ -199,39 +199,39 @@ mod tests {
     use super::*;
     use crate::config::Settings;
 
-    fn desk() -> Desk {
-        Desk::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
+    fn state() -> DaemonState {
+        DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
     }
 
     #[test]
     fn an_idle_camera_is_life_only_when_its_frames_were_sent() {
-        let desk = desk();
-        let pulse = Pulse::new(Systemd::from_env(), &desk);
-        pulse.beat_ns.store(0, Relaxed);
-        pulse.camera_idle();
-        assert_ne!(pulse.beat_ns.load(Relaxed), 0, "nothing was ever lent");
-        pulse.frame_lent(monotonic_ns());
-        pulse.beat_ns.store(0, Relaxed);
-        pulse.camera_idle();
-        assert_eq!(pulse.beat_ns.load(Relaxed), 0, "what was lent is stuck");
-        pulse.frame_sent(0, Outcome::Stabilized);
-        pulse.beat_ns.store(0, Relaxed);
-        pulse.camera_idle();
-        assert_ne!(pulse.beat_ns.load(Relaxed), 0);
-        assert_eq!(pulse.sent(), (1, 1));
+        let state = state();
+        let heartbeat = Heartbeat::new(Systemd::from_env(), &state);
+        heartbeat.beat_ns.store(0, Relaxed);
+        heartbeat.camera_idle();
+        assert_ne!(heartbeat.beat_ns.load(Relaxed), 0, "nothing was ever lent");
+        heartbeat.frame_captured(monotonic_ns());
+        heartbeat.beat_ns.store(0, Relaxed);
+        heartbeat.camera_idle();
+        assert_eq!(heartbeat.beat_ns.load(Relaxed), 0, "what was lent is stuck");
+        heartbeat.frame_sent(0, Outcome::Stabilized);
+        heartbeat.beat_ns.store(0, Relaxed);
+        heartbeat.camera_idle();
+        assert_ne!(heartbeat.beat_ns.load(Relaxed), 0);
+        assert_eq!(heartbeat.sent(), (1, 1));
     }
 
     #[test]
     fn the_calibration_of_the_frame_sent_last_is_there_until_it_is_taken() {
-        let desk = desk();
-        let pulse = Pulse::new(Systemd::from_env(), &desk);
-        assert_eq!(pulse.calibration(), Calibration::default());
+        let state = state();
+        let heartbeat = Heartbeat::new(Systemd::from_env(), &state);
+        assert_eq!(heartbeat.calibration(), Calibration::default());
         let found = Calibration { readout_s: -0.02, readout_deviation_s: 1e-4, hfov_deg: 61.0, hfov_deviation_deg: 0.2 };
         let mut frame = Frame::default();
         frame.context.calibration = found;
-        (&mut &pulse).sent(&frame);
+        (&mut &heartbeat).sent(&frame);
         assert_eq!(
-            (pulse.calibration(), pulse.take_calibration(), pulse.calibration()),
+            (heartbeat.calibration(), heartbeat.take_calibration(), heartbeat.calibration()),
             (found, found, Calibration::default())
         );
     }

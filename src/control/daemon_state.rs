@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::notices::{About, Notices};
 use super::reload::Reloads;
-use super::{Status, Tally, Unusable};
+use super::{Metrics, Status, Unusable};
 use crate::config::{Settings, keys};
 use crate::pipeline::{Live, Reason};
 use crate::systemd::Systemd;
@@ -17,12 +17,12 @@ use crate::systemd::Systemd;
 pub type Reread = Box<dyn Fn() -> Result<Settings, String> + Send + Sync>;
 
 /// What a daemon's threads share: settings, counts.
-pub struct Desk {
+pub struct DaemonState {
     /// The settings and counts of the pipeline.
     pub live: Live,
     /// What is counted.
-    pub tally: Tally,
-    state: Mutex<State>,
+    pub metrics: Metrics,
+    configured: Mutex<Configured>,
     reread: Reread,
     pub(super) reloads: Reloads,
     notices: Mutex<Notices>,
@@ -32,7 +32,7 @@ pub struct Desk {
     ready: AtomicBool,
 }
 
-struct State {
+struct Configured {
     /// What counts now.
     settings: Settings,
     /// Keys that have another value in the configuration.
@@ -48,19 +48,19 @@ pub struct Applied {
     pub restart: Vec<String>,
 }
 
-impl std::fmt::Debug for Desk {
+impl std::fmt::Debug for DaemonState {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Desk").field("live", &self.live).field("tally", &self.tally).finish_non_exhaustive()
+        f.debug_struct("DaemonState").field("live", &self.live).field("metrics", &self.metrics).finish_non_exhaustive()
     }
 }
 
-impl Desk {
-    /// A desk with the settings that a daemon begins with, and the way to read them anew.
+impl DaemonState {
+    /// The state of a daemon that starts with `settings`; `reread` loads the configuration again.
     pub fn new(settings: Settings, systemd: Systemd, reread: Reread) -> Self {
         Self {
             live: Live::new(&settings.pipeline),
-            tally: Tally::default(),
-            state: Mutex::new(State { settings, restart: Vec::new() }),
+            metrics: Metrics::default(),
+            configured: Mutex::new(Configured { settings, restart: Vec::new() }),
             reread,
             reloads: Reloads::default(),
             notices: Mutex::default(),
@@ -72,11 +72,11 @@ impl Desk {
 
     /// The settings that count now.
     pub fn settings(&self) -> Settings {
-        self.state().settings.clone()
+        self.configured().settings.clone()
     }
 
     /// The service manager was told that the service is ready.
-    pub fn is_ready(&self) {
+    pub fn set_ready(&self) {
         self.ready.store(true, Ordering::Relaxed);
     }
 
@@ -85,27 +85,27 @@ impl Desk {
     /// # Errors
     /// Why it cannot be: not such a key, not such a value, a key that no running daemon can change. Nothing has changed then.
     pub fn set(&self, assignment: &str) -> Result<Applied, String> {
-        let mut state = self.state();
-        let mut wanted = state.settings.clone();
+        let mut configured = self.configured();
+        let mut wanted = configured.settings.clone();
         wanted.set(assignment).map_err(|faults| {
             let faults: Vec<String> = faults.shown.iter().map(|fault| fault.bare()).collect();
             faults.join("; ")
         })?;
-        let stuck: Vec<&str> = wanted.differing(&state.settings).filter(|key| !key.live).map(|key| key.name).collect();
+        let stuck: Vec<&str> = wanted.differing(&configured.settings).filter(|key| !key.live).map(|key| key.name).collect();
         if !stuck.is_empty() {
             let what = "cannot change while gimbald runs; write it into the configuration and restart gimbald";
             return Err(format!("{}: {what}", stuck.join(", ")));
         }
-        Ok(self.apply(&mut state, &wanted))
+        Ok(self.apply(&mut configured, &wanted))
     }
 
     /// A setting as it counts now, as TOML writes it.
     pub(super) fn shown(&self, key: &str) -> String {
-        keys::find(key).map_or_else(String::new, |key| key.shown(&self.state().settings))
+        keys::find(key).map_or_else(String::new, |key| key.shown(&self.configured().settings))
     }
 
     /// Reads the configuration anew and takes all of it that can change while gimbald runs; the service manager is told of both
-    /// ends. Takes as long as the file does: [`Desk::reload_soon`] does not.
+    /// ends. Takes as long as the file does: [`DaemonState::reload_soon`] does not.
     ///
     /// # Errors
     /// What is wrong with the configuration; nothing has changed then.
@@ -122,9 +122,9 @@ impl Desk {
         let read = (self.reread)();
         let done = read.map(|wanted| {
             self.warn_of_retired(&wanted);
-            let mut state = self.state();
-            let applied = self.apply(&mut state, &wanted);
-            state.restart.clone_from(&applied.restart);
+            let mut configured = self.configured();
+            let applied = self.apply(&mut configured, &wanted);
+            configured.restart.clone_from(&applied.restart);
             applied
         });
         // What is wrong with the file is said in any case, once: clients cannot make it something else again and again.
@@ -145,7 +145,7 @@ impl Desk {
     /// Everything there is to tell.
     pub fn status(&self) -> Status {
         let mut status = Status { version: env!("CARGO_PKG_VERSION").into(), pid: std::process::id(), ..Status::default() };
-        self.tally.tell(&mut status);
+        self.metrics.fill(&mut status);
         let counts = self.live.counts();
         status.frames.captured = counts.frames_in;
         (status.drops.damaged, status.drops.cut, status.drops.behind) = (counts.damaged(), counts.cut, counts.dropped);
@@ -158,10 +158,10 @@ impl Desk {
             reason: reason.name().to_owned(),
             what,
         });
-        let state = self.state();
-        status.enabled = state.settings.pipeline.enabled;
-        status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&state.settings))).collect();
-        status.restart.clone_from(&state.restart);
+        let configured = self.configured();
+        status.enabled = configured.settings.pipeline.enabled;
+        status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&configured.settings))).collect();
+        status.restart.clone_from(&configured.restart);
         status
     }
 
@@ -174,26 +174,26 @@ impl Desk {
     }
 
     /// Takes what is live of `wanted`.
-    fn apply(&self, state: &mut State, wanted: &Settings) -> Applied {
+    fn apply(&self, configured: &mut Configured, wanted: &Settings) -> Applied {
         let mut applied = Applied::default();
-        let before = state.settings.clone();
+        let before = configured.settings.clone();
         for key in wanted.differing(&before) {
             if key.live {
-                key.copy(wanted, &mut state.settings);
+                key.copy(wanted, &mut configured.settings);
                 applied.changed.push(key.name.to_owned());
             } else {
                 applied.restart.push(key.name.to_owned());
             }
         }
         if !applied.changed.is_empty() {
-            self.live.set(&state.settings.pipeline);
-            crate::log::set(state.settings.log.level);
+            self.live.set(&configured.settings.pipeline);
+            crate::log::set(configured.settings.log.level);
         }
         applied
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    fn configured(&self) -> MutexGuard<'_, Configured> {
+        self.configured.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a line that a client caused may go into the log now; where not, it is counted.
@@ -236,44 +236,44 @@ mod tests {
     use super::*;
     use std::sync::Arc;
 
-    fn desk(file: &Arc<Mutex<String>>) -> Desk {
+    fn state(file: &Arc<Mutex<String>>) -> DaemonState {
         let read = |text: &str| Settings::read(Some(("g.toml", text)), &[]).map_err(|faults| faults.to_string());
         let settings = read(&file.lock().unwrap()).unwrap();
         let file = file.clone();
-        Desk::new(settings, Systemd::nobody(), Box::new(move || read(&file.lock().unwrap())))
+        DaemonState::new(settings, Systemd::nobody(), Box::new(move || read(&file.lock().unwrap())))
     }
 
     #[test]
     fn a_file_read_anew_changes_what_can_change_and_names_the_rest() {
         let file = Arc::new(Mutex::new("[crop]\nzoom = 1.2".to_owned()));
-        let desk = desk(&file);
-        assert_eq!(desk.reload(), Ok(Applied::default()));
+        let state = state(&file);
+        assert_eq!(state.reload(), Ok(Applied::default()));
         *file.lock().unwrap() = "[crop]\nzoom = 1.3\n[camera]\ndevice = 4\n[smooth]\nstrength = 0.5".into();
-        let applied = desk.reload().unwrap();
+        let applied = state.reload().unwrap();
         assert_eq!(
             (applied.changed.join(" "), applied.restart.join(" ")),
             ("smooth.strength crop.zoom".into(), "camera.device".into())
         );
-        let params = desk.live.params();
+        let params = state.live.params();
         assert_eq!((params.crop.zoom, params.smooth.strength), (1.3, 0.5));
-        assert_eq!((desk.settings().camera.device.as_str(), desk.status().restart.len()), ("auto", 1), "the old one counts");
+        assert_eq!((state.settings().camera.device.as_str(), state.status().restart.len()), ("auto", 1), "the old one counts");
         *file.lock().unwrap() = "[crop]\nzoom = 77\n[smooth]\nstrength = 0.1".into();
-        let error = desk.reload().unwrap_err();
+        let error = state.reload().unwrap_err();
         assert!(error.contains("g.toml:2") && error.contains("77"), "{error}");
-        assert_eq!(desk.live.params(), params, "a wrong file changes nothing");
+        assert_eq!(state.live.params(), params, "a wrong file changes nothing");
         *file.lock().unwrap() = "[crop]\nzoom = 1.3\n[smooth]\nstrength = 0.5".into();
-        assert_eq!(desk.reload(), Ok(Applied::default()));
-        assert_eq!(desk.status().restart, Vec::<String>::new(), "as it was again");
+        assert_eq!(state.reload(), Ok(Applied::default()));
+        assert_eq!(state.status().restart, Vec::<String>::new(), "as it was again");
     }
 
     #[test]
     fn one_setting_is_taken_or_refused_whole() {
-        let desk = desk(&Arc::default());
-        assert_eq!(desk.set("smooth.strength=0.25").unwrap().changed, ["smooth.strength"]);
-        assert_eq!(desk.set("stabilize.enabled=false").unwrap().changed, ["stabilize.enabled"]);
-        assert_eq!(desk.set("stabilize.enabled=false").unwrap(), Applied::default());
+        let state = state(&Arc::default());
+        assert_eq!(state.set("smooth.strength=0.25").unwrap().changed, ["smooth.strength"]);
+        assert_eq!(state.set("stabilize.enabled=false").unwrap().changed, ["stabilize.enabled"]);
+        assert_eq!(state.set("stabilize.enabled=false").unwrap(), Applied::default());
         assert_eq!(
-            (desk.live.params().smooth.strength, desk.live.params().enabled, desk.status().enabled),
+            (state.live.params().smooth.strength, state.live.params().enabled, state.status().enabled),
             (0.25, false, false)
         );
         for (wrong, what) in [
@@ -283,9 +283,9 @@ mod tests {
             ("nonsense", "no ="),
             ("", "no ="),
         ] {
-            let error = desk.set(wrong).unwrap_err();
+            let error = state.set(wrong).unwrap_err();
             assert!(error.contains(what), "{wrong}: {error}");
         }
-        assert_eq!(desk.settings().pipeline.crop.zoom, 1.1);
+        assert_eq!(state.settings().pipeline.crop.zoom, 1.1);
     }
 }
