@@ -109,8 +109,7 @@ class OneOrder(Twins):
 
 
 NAMINGS = ("by-id", "by-path", "number", "node", "name", "auto")
-# Not in the core: where the second camera is plugged in or out, the test kernel has been seen to hang, idle (in 2 of 4 runs of the core).
-CASES = [Case("twin-must-not-be-taken", OneOrder("by-id").run)]
+CASES = [Case("twin-must-not-be-taken", OneOrder("by-id").run, core=True)]
 CASES += [Case(f"twin-{naming}", Twins(naming).run) for naming in NAMINGS]
 CASES += [Case(f"twin-{naming}-without-serials", Twins(naming, ("", "")).run) for naming in NAMINGS]
 CASES += [Case("twin-by-id-equal-serials", Twins("by-id", (SERIAL, SERIAL)).run)]
