@@ -1,7 +1,8 @@
 """Colour bars through every format of camera and every format of the loopback, as ffmpeg, GStreamer and Chromium show them.
 
-In the virtual machine; arguments: the program, and sizes as 640x480 (640x480 1280x720 1920x1080). At the first size every format that
-ffmpeg can put on a loopback is a camera, at the others JPEG and YUYV. Each bar may be off by 3 of 255 in R, G and B.
+In the virtual machine; arguments: the program, sizes as 640x480 (640x480 1280x720 1920x1080), and formats of the camera as MJPG or BGR3:
+those are then tried at every size. Without them, every format that ffmpeg can put on a loopback is a camera at the first size, JPEG and
+YUYV at the others. Each bar may be off by 3 of 255 in R, G and B.
 """
 import http.server
 import json
@@ -14,7 +15,7 @@ import time
 
 from rig import Daemon, Report, camera_appears, identity_or_none, loopback, nodes, until
 
-SIZES = [tuple(map(int, word.split("x"))) for word in sys.argv[2:] or ("640x480", "1280x720", "1920x1080")]
+SIZES = [tuple(map(int, word.split("x"))) for word in sys.argv[2:] if word[0].isdigit()] or [(640, 480), (1280, 720), (1920, 1080)]
 MOST_OFF = 3
 PATIENCE = 120
 # Bar n has red, green and blue where bits 0, 1 and 2 of n are set.
@@ -30,6 +31,7 @@ CAMERAS = {
     "RGB3": ("rgb24", ["-c:v", "rawvideo"]),
     "BGR3": ("bgr24", ["-c:v", "rawvideo"]),
 }
+NAMED = [camera for camera in CAMERAS for word in sys.argv[2:] if camera.startswith(word)]
 OUTPUTS = ("yuyv", "i420", "nv12")
 report, out = Report(), loopback()
 spare = next(path for path in nodes() if path != out and identity_or_none(path) == "v4l2 loopback")
@@ -188,7 +190,7 @@ if has_browser:
 else:
     report.say("SKIPPED: no Chromium here")
 for n, (width, height) in enumerate(SIZES):
-    for camera in CAMERAS if n == 0 else ("MJPG 4:2:2", "YUYV"):
+    for camera in NAMED or (CAMERAS if n == 0 else ("MJPG 4:2:2", "YUYV")):
         layout, coder = CAMERAS[camera]
         bars = f"/tmp/bars-{layout}"
         with open(bars, "wb") as file:

@@ -35,7 +35,10 @@ class Twins:
         if self.naming == "name":
             plug_twin()
             bench.watch(1)
-        pair = Pair(bench)
+        # Where their serial numbers do not differ, udev's one link by-id leads to either.
+        either = self.naming == "by-id" and self.serials[0] == self.serials[1]
+        swapped = either and socket_of(bench.camera_in_use()) == "1-2"
+        pair = Pair(bench, *(("twin", "cam") if swapped else ("cam", "twin")))
         self.orders(pair)
         bench.check("the daemon lives", bench.daemon.alive())
 
@@ -70,9 +73,9 @@ class Twins:
 class Pair:
     """The two cameras of a bench, and what has to hold of them at any time."""
 
-    def __init__(self, bench):
-        self.bench = bench
-        stats = bench.stats("twin")
+    def __init__(self, bench, ours, twin):
+        self.bench, self.names = bench, {"ours": ours, "twin": twin}
+        stats = bench.stats(twin)
         # The driver itself negotiates with a camera that is plugged in.
         self.usual = stats["probes"] // stats["plugs"]
 
@@ -81,7 +84,7 @@ class Pair:
         for word in words:
             what, which, *where = word.split()
             command = {"out": ["unplug"], "in": ["plug"], "socket": ["set", f"port={''.join(where)}"]}[what]
-            self.bench.webcam(*command, name="cam" if which == "ours" else "twin")
+            self.bench.webcam(*command, name=self.names[which])
 
     def order(self, what, *steps, live=True):
         """Takes the steps, with time for gimbald to do wrong after each. `live`: ours has to be used in the end, else nothing."""
@@ -92,7 +95,7 @@ class Pair:
             self.bench.check(f"{what}: live again", self.bench.watch(10, until_live=True).live > 1)
         in_use = self.bench.camera_in_use()
         self.bench.note(f"{what}: {in_use and os.path.realpath(in_use)} in socket {socket_of(in_use)}")
-        stats = self.bench.stats("twin")
+        stats = self.bench.stats(self.names["twin"])
         # Less than usual, where it was unplugged again at once.
         probed = max(0, stats.get("probes", 0) - self.usual * stats["plugs"])
         asked = probed, stats.get("commits", 0), stats.get("starts", 0)
