@@ -1,7 +1,7 @@
 //! The journey of a frame: capture -> estimate -> render -> give back.
 //!
-//! [`Stabilizer`] has the steps. [`run_inline`] walks them on one thread, for tests and files; [`run_threaded`] on two, for the
-//! service: capture and decoding on one, the rest on the other. Both give the same pictures.
+//! [`Stabilizer`] has the steps. [`run_inline`] takes them on one thread, for files and tests. [`run_live`], for the service, uses two:
+//! capture and decoding on one, the rest on the other. Both give the same pictures.
 
 mod decode;
 mod inline;

@@ -1,4 +1,5 @@
-//! Pixel loops, the one place with SIMD. Scalar code is the law: every other variant gives the same bits.
+//! Pixel loops and the equations of the camera's motion (`normal`): the one place with SIMD. Scalar code defines the result, every other
+//! variant gives the same bits.
 //!
 //! Most kernels here are plain loops that the compiler vectorizes by itself once it may use wider registers; [`dispatch!`]
 //! compiles such a body twice and picks one at run time. Where a hand-written variant pays, it stands beside its scalar form.

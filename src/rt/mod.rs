@@ -1,4 +1,4 @@
-//! Clock, rings and threads: what runs, never what it computes.
+//! The clock, a stop flag, wake-ups for waiting threads, and a limit for repeated log messages.
 
 pub mod clock;
 pub mod log_throttle;

@@ -1,4 +1,5 @@
-//! The science: one algorithm a file, in the order of a frame's journey. Each has its `Params`, its state and one verb.
+//! The algorithms, one per module, without files, threads or clocks. The order in which a frame meets them is in
+//! [`crate::pipeline`], their purpose in [the plan](crate).
 
 pub mod crop;
 pub mod detect;
