@@ -32,8 +32,8 @@ fn configuration() -> String {
         ".TH GIMBALD.TOML 5 \"\" \"gimbald {}\" \"File formats\"\n\
          .SH NAME\ngimbald.toml \\- configuration of gimbald\n\
          .SH SYNOPSIS\n/etc/gimbald.toml\n.br\n/etc/gimbald/\\fINAME\\fR.toml\n\
-         .SH DESCRIPTION\nA TOML file. Keys that it leaves out have their defaults. \\fBgimbald check\\fR \\fIFILE\\fR says whether it is \
-         right. A service that runs takes changes of the keys marked live with \\fBsystemctl reload\\fR; the others need a restart.\n",
+         .SH DESCRIPTION\nA TOML file. Keys that are not set have their defaults. \\fBgimbald check\\fR \\fIFILE\\fR checks a file. Keys marked \
+         live take effect with \\fBsystemctl reload gimbald\\fR, the others after a restart.\n",
         env!("CARGO_PKG_VERSION")
     );
     let mut section = "";

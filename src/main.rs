@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{bench, calibrate, check, demo, devices, doctor, pipewire, record, replay, run, talk};
+use gimbald::command::{bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -20,17 +20,18 @@ fn main() -> ExitCode {
         kernel::Level::check_cap().map_err(|what| Failure::new(Exit::Usage, what)).and_then(|()| match &arguments.command {
             Command::Run(args) => run::run(args),
             Command::Pipewire(args) => pipewire::run(args),
-            Command::Status(args) => talk::status(args),
-            Command::On(args) => talk::switch(args, true),
-            Command::Off(args) => talk::switch(args, false),
-            Command::Set(args) => talk::set(args),
-            Command::Reload(args) => talk::reload(args),
+            Command::Status(args) => client::status(args),
+            Command::On(args) => client::switch(args, true),
+            Command::Off(args) => client::switch(args, false),
+            Command::Set(args) => client::set(args),
+            Command::Reload(args) => client::reload(args),
             Command::Replay(args) => replay::run(args),
             Command::Record(args) => record::run(args),
             Command::Calibrate(args) => calibrate::run(args),
             Command::Bench(args) => bench::run(args),
             Command::Demo(args) => demo::run(args),
-            Command::Devices => devices::run(),
+            Command::Measure(args) => measure::run(args),
+            Command::Devices(args) => devices::run(args),
             Command::Doctor(args) => doctor::run(args),
             Command::Check(args) => check::run(args),
         });

@@ -1,27 +1,27 @@
-//! What the daemon tells systemd. Without systemd (no NOTIFY_SOCKET) every word goes nowhere, and nothing fails.
+//! Notifications to systemd. Without systemd (no NOTIFY_SOCKET) they go nowhere, and nothing fails.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use sd_notify::NotifyState;
 
-/// The way to the service manager.
+/// The connection to the service manager.
 #[derive(Clone, Copy, Debug)]
 pub struct Systemd {
-    listens: bool,
+    connected: bool,
     watchdog: Option<Duration>,
 }
 
 impl Systemd {
     /// What the environment says: NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID.
     pub fn from_env() -> Self {
-        let listens = std::env::var_os("NOTIFY_SOCKET").is_some();
-        Self { listens, watchdog: sd_notify::watchdog_enabled().filter(|_| listens) }
+        let connected = std::env::var_os("NOTIFY_SOCKET").is_some();
+        Self { connected, watchdog: sd_notify::watchdog_enabled().filter(|_| connected) }
     }
 
-    /// A service manager that is not there.
-    pub fn nobody() -> Self {
-        Self { listens: false, watchdog: None }
+    /// No service manager.
+    pub fn disconnected() -> Self {
+        Self { connected: false, watchdog: None }
     }
 
     /// Where the service may have its sockets: RUNTIME_DIRECTORY, the first where there are several; `None` where the unit has no
@@ -38,65 +38,50 @@ impl Systemd {
         std::env::split_paths(&paths).find(|path| path.is_absolute())
     }
 
-    /// Whether anybody listens.
-    pub fn listens(&self) -> bool {
-        self.listens
+    /// Whether there is a service manager.
+    pub fn is_connected(&self) -> bool {
+        self.connected
     }
 
-    /// After how long without [`Systemd::alive`] the service is killed; `None` where nobody watches.
+    /// After how long without [`Systemd::alive`] the service is killed; `None` without a watchdog.
     pub fn watchdog(&self) -> Option<Duration> {
         self.watchdog
     }
 
-    /// The service does its work.
+    /// The service is ready.
     pub fn ready(&self) {
-        self.tell(&[NotifyState::Ready]);
+        self.notify(&[NotifyState::Ready]);
     }
 
-    /// The service reads its configuration anew; [`Systemd::ready`] says that it has.
+    /// The service reloads its configuration, until [`Systemd::ready`].
     pub fn reloading(&self) {
         match NotifyState::monotonic_usec_now() {
-            Ok(now) => self.tell(&[NotifyState::Reloading, now]),
-            Err(error) => tracing::warn!(%error, "cannot tell the service manager of the reload: no clock"),
+            Ok(now) => self.notify(&[NotifyState::Reloading, now]),
+            Err(error) => tracing::warn!(%error, "cannot announce the reload to the service manager: no clock"),
         }
     }
 
-    /// The service ends.
+    /// The service is stopping.
     pub fn stopping(&self) {
-        self.tell(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
+        self.notify(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
     }
 
     /// One line for `systemctl status`.
     pub fn status(&self, text: &str) {
         // A line end would begin another message.
-        self.tell(&[NotifyState::Status(&text.replace(['\n', '\r'], " "))]);
+        self.notify(&[NotifyState::Status(&text.replace(['\n', '\r'], " "))]);
     }
 
-    /// The watchdog is fed.
+    /// Feeds the watchdog.
     pub fn alive(&self) {
-        self.tell(&[NotifyState::Watchdog]);
+        self.notify(&[NotifyState::Watchdog]);
     }
 
-    fn tell(&self, words: &[NotifyState<'_>]) {
-        if self.listens
-            && let Err(error) = sd_notify::notify(words)
+    fn notify(&self, messages: &[NotifyState<'_>]) {
+        if self.connected
+            && let Err(error) = sd_notify::notify(messages)
         {
-            tracing::warn!(%error, "the service manager does not listen");
+            tracing::warn!(%error, "cannot notify the service manager");
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn without_systemd_nothing_happens() {
-        let nobody = Systemd::nobody();
-        nobody.ready();
-        nobody.status("a\nb");
-        nobody.alive();
-        nobody.reloading();
-        nobody.stopping();
     }
 }

@@ -232,7 +232,7 @@ fn every_fault_of_the_settings_is_named_at_once() {
     let config = scratch.file("g.toml");
     fs::write(&config, "[smooth]\ncutoff = 1\n[crop]\nzoom = 9\n").unwrap();
     let words = [
-        "3 faults",
+        "3 errors",
         "g.toml:2",
         "smooth.cutoff_hz?",
         "g.toml:4",
@@ -244,7 +244,7 @@ fn every_fault_of_the_settings_is_named_at_once() {
     bad(78, &words[1..5], &["check", &config]);
     fs::write(&config, "[crop]\nzoom = 1.3\n").unwrap();
     let answer = String::from_utf8(good(&["check", &config])).unwrap();
-    assert!(answer.contains("right; 1 of") && answer.contains("crop.zoom = 1.3  (default 1.1)"), "{answer}");
+    assert!(answer.contains("valid; 1 of") && answer.contains("crop.zoom = 1.3  (default 1.1)"), "{answer}");
     let by_file = good(&["replay", CAR, "-o", "digest:", "--config", &config]);
     assert_eq!(by_file, good(&["replay", CAR, "-o", "digest:", "--set", "crop.zoom=1.3"]));
     assert_ne!(by_file, good(&["replay", CAR, "-o", "digest:"]), "the setting does something");
@@ -294,7 +294,7 @@ fn wild_sequence_numbers_are_not_missing_frames() {
     }
     writer.finish().unwrap();
     let answer = String::from_utf8(good(&["check", &recording])).unwrap();
-    assert!(answer.contains("3 frames whose number does not follow") && !answer.contains("missing"), "{answer}");
+    assert!(answer.contains("3 frames out of sequence") && !answer.contains("missing"), "{answer}");
 }
 
 #[test]
@@ -348,6 +348,32 @@ fn the_demo_leaves_its_files_and_measures_less_shake() {
     let mut numbers = shake.split([' ', ',']).filter_map(|word| word.parse::<f64>().ok());
     let (before, after) = (numbers.next().unwrap(), numbers.next().unwrap());
     assert!(before > 1.0 && after < 0.5 * before, "{said}");
+}
+
+#[test]
+fn the_demo_takes_settings_and_measure_gives_its_numbers() {
+    let scratch = Scratch::new("measure");
+    let directory = scratch.0.to_str().unwrap();
+    let off = ["demo", "--dir", directory, "--seconds", "1", "--set", "stabilize.enabled=false"];
+    let said = String::from_utf8(good(&off)).unwrap();
+    let numbers = |text: &str| -> Vec<f64> {
+        let words = text.split("shake ").nth(1).unwrap().split([' ', ',']);
+        words.filter_map(|word| word.parse().ok()).take(2).collect()
+    };
+    let demo = numbers(&said);
+    assert!(demo[1] > 0.8 * demo[0], "nothing is stabilized: {said}");
+    let clips = [scratch.file("input.y4m"), scratch.file("stabilized.y4m")];
+    let json = good(&["measure", "--json", &clips[0], &clips[1]]);
+    let measured: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    for (clip, shake) in measured["clips"].as_array().unwrap().iter().zip(&demo) {
+        let measured = clip["shake_px"].as_f64().unwrap();
+        assert!((measured - shake).abs() < 0.1 * shake && clip["slant_deg"].as_f64().is_some(), "{clip}, {said}");
+    }
+    assert!(String::from_utf8(good(&["measure", &clips[0]])).unwrap().contains("input.y4m: shake "));
+    let one = scratch.file("one.gbr");
+    let said = String::from_utf8(good(&["record", "-d", "synthetic:", "-o", &one, "--frames", "1"])).unwrap();
+    assert!(said.contains(": 1 frame of 640x480"), "{said}");
+    bad(75, &["one.gbr", "no motion"], &["measure", &one]);
 }
 
 #[test]

@@ -66,6 +66,26 @@ const ABSENT: &[(&str, &[&str])] = &[
 /// The only places with `unsafe`.
 const UNSAFE: [&str; 4] = ["src/device/v4l2/", "src/kernel/", "src/pipewire/", "src/share/memory.rs"];
 const LONGEST: usize = 600;
+/// Words that texts for users do not contain: they are private or poetic language where the field has a word of its own.
+const NOT_FOR_USERS: &[&str] = &[
+    "frames a second",
+    "anew",
+    "finds out",
+    "find out",
+    "found out",
+    "give or take",
+    "given up for",
+    "look at it",
+    "mends",
+    "nobody",
+    "somebody",
+    "stands still",
+    "taken for a",
+    "takes for a",
+    "takes out",
+    "taken out",
+    "whoever",
+];
 const NO_NAMES: [&str; 5] = ["util", "utils", "helpers", "misc", "common"];
 
 /// Every Rust file below `directory`, sorted.
@@ -87,6 +107,45 @@ fn files(directory: &Path) -> Vec<PathBuf> {
 fn code(source: &str) -> String {
     let source = source.split("\n#[cfg(test)]\nmod tests {").next().unwrap_or(source);
     source.lines().map(|line| line.split("//").next().unwrap_or("")).collect::<Vec<_>>().join("\n")
+}
+
+/// The texts in a source: what stands between quotes outside of comments, and in `src/command` the comments that become `--help`.
+fn texts(path: &str, source: &str) -> Vec<String> {
+    let source = source.split("\n#[cfg(test)]\nmod tests {").next().unwrap_or(source);
+    let mut texts = Vec::new();
+    let mut open: Option<String> = None;
+    for line in source.lines() {
+        let trimmed = line.trim_start();
+        if open.is_none() && trimmed.starts_with("//") {
+            texts.extend(trimmed.strip_prefix("///").filter(|_| path.starts_with("src/command/")).map(str::to_owned));
+            continue;
+        }
+        let mut escaped = false;
+        // A character literal of a quote opens nothing.
+        for c in line.replace("'\"'", "").chars() {
+            match (&mut open, c) {
+                (Some(text), _) if escaped => text.push(c),
+                (Some(_), '\\') => {}
+                (open @ Some(_), '"') => texts.extend(open.take()),
+                (Some(text), c) => text.push(c),
+                (open, '"') => *open = Some(String::new()),
+                (None, _) => {}
+            }
+            escaped = c == '\\' && !escaped;
+        }
+        if let Some(text) = &mut open {
+            text.push(' ');
+        }
+    }
+    texts
+}
+
+/// Whether `text` has `words` as whole words.
+fn says(text: &str, words: &str) -> bool {
+    let is_letter = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase();
+    let mut found = text.match_indices(words);
+    found.any(|(at, _)| !is_letter(text[..at].chars().next_back()) && !is_letter(text[at + words.len()..].chars().next()))
 }
 
 /// The modules that a file is in, from the crate's root down: `src/device/y4m/mod.rs` is `device`, `y4m`.
@@ -164,6 +223,13 @@ fn faults(path: &str, source: &str) -> Vec<String> {
     {
         fault(format!("unsafe outside of {UNSAFE:?}"));
     }
+    if !is_tests {
+        for text in texts(path, source) {
+            for words in NOT_FOR_USERS.iter().filter(|words| says(&text, words)) {
+                fault(format!("{words:?} in the text {text:?}: say it in plain technical English"));
+            }
+        }
+    }
     let Some(room) = modules.first().filter(|_| !is_tests) else { return faults };
     match FLOORS.iter().find(|(name, _)| name == room) {
         None => fault(format!("the room {room} has no line in FLOORS of tests/house.rs")),
@@ -230,8 +296,12 @@ fn a_crooked_house_is_noticed() {
     assert!(one("src/stage/fit.rs", "fn f() {}").contains("first line"));
     assert!(one("src/stage/utils.rs", "//! x").contains("utils"));
     assert!(one("src/attic/mod.rs", "//! x").contains("no line in FLOORS"));
+    assert!(one("src/stage/fit.rs", "//! x\nfn f() { g(\"read\\\n  anew\"); }").contains("plain technical English"));
+    assert!(
+        one("src/command/x.rs", "//! x\nstruct A {\n    /// Whoever asks\n    a: u8,\n}").contains("plain technical English")
+    );
     assert!(one("tests/x.rs", &format!("//! x\n{}", "//\n".repeat(600))).contains("601 lines"));
-    let fine = "//! Unsafe words: unsafe.\nuse crate::image::{Plane, PlaneRef};\nuse super::detect;\n// crate::device::no\n\
+    let fine = "//! Unsafe words: unsafe, nobody.\n/// Nobody.\nconst A: &str = \"a seconds \\\" hand\";\nuse crate::image::{Plane, PlaneRef};\nuse super::detect;\n// crate::device::no\n\
                 fn f() {}\n\n#[cfg(test)]\nmod tests {\n    use crate::device::DeviceError;\n}";
     assert_eq!(faults("src/stage/fit.rs", fine), Vec::<String>::new());
 }

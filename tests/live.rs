@@ -3,6 +3,8 @@
 mod common;
 
 use common::{Memory, Script, Seen, Shot, film, frame_of};
+use gimbald::config::keys::KEYS;
+use gimbald::config::{Key, Kind, Settings};
 use gimbald::device::null::NullSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, StreamFormat};
@@ -118,6 +120,60 @@ fn strength_zoom_and_mode_glide() {
             assert!(near <= far + 1.5, "{motion:?}, {what}: a change of settings moves a frame by {near} px, others {far}");
         }
     }
+}
+
+/// Every value of a live key to which the test changes it: other words, a fifth of the range further on.
+fn others(key: &Key, settings: &Settings) -> Vec<Settings> {
+    let with = |change: &dyn Fn(&mut Settings)| {
+        let mut other = settings.clone();
+        change(&mut other);
+        other
+    };
+    let further = |(low, high): (f64, f64), value: f64| {
+        let step = 0.2 * (high - low);
+        if value + step <= high { value + step } else { value - step }
+    };
+    match &key.kind {
+        Kind::Number { range, get, set } => vec![with(&|s| set(s, further(*range, get(settings))))],
+        Kind::NumberOrAuto { range, get, set } => {
+            let number = get(settings).unwrap_or(range.0);
+            vec![with(&|s| set(s, Some(further(*range, number)))), with(&|s| set(s, None))]
+        }
+        Kind::Choice { words, get, set } => {
+            let now = get(settings);
+            words.iter().filter(|word| **word != now).map(|word| with(&|s| set(s, word))).collect()
+        }
+        Kind::Switch { get, set } => vec![with(&|s| set(s, !get(settings)))],
+        Kind::Count { .. } | Kind::Text { .. } | Kind::Form { .. } => {
+            panic!("{}: no live key of this kind is known here", key.name)
+        }
+    }
+}
+
+/// The picture does not jump when a live key changes, whichever it is and whatever else is set.
+#[test]
+fn every_live_key_glides() {
+    const CHANGES: [usize; 2] = [50, 90];
+    let shots = &shaken(Motion::Handheld)[..130];
+    let mut tried = 0;
+    for base in ["smooth.mode=adaptive", "smooth.mode=iir", "crop.border=mirror"] {
+        let base = Settings::read(None, &[base.to_owned()]).unwrap();
+        let far = carried(shots, &base.pipeline, &[], 0);
+        let far = (1..far.len()).map(|n| step(&far, n)).fold(0.0, f64::max);
+        for key in KEYS.iter().filter(|key| key.live && key.section() != "log") {
+            for other in others(key, &base) {
+                assert_ne!(other.pipeline, base.pipeline, "{}: does not reach the pipeline", key.name);
+                let seen = carried(shots, &base.pipeline, &[(CHANGES[0], other.pipeline), (CHANGES[1], base.pipeline)], 0);
+                let near = (CHANGES[0]..shots.len()).map(|n| step(&seen, n)).fold(0.0, f64::max);
+                // of a window of 14 pixels, as in `strength_zoom_and_mode_glide`
+                let change = format!("{} from {} to {}", key.name, key.shown(&base), key.shown(&other));
+                assert!(near <= far + 1.5, "{change}: a frame moves by {near} px, without a change by {far} at most");
+                tried += 1;
+            }
+        }
+    }
+    println!("{tried} changes");
+    assert!(tried >= 3 * 10, "only {tried} changes were tried");
 }
 
 /// Gives a frame when the one before was sent, so that none is given up.

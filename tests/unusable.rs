@@ -88,11 +88,11 @@ fn where_no_frame_can_be_used_all_say_why_and_end_with_65() {
         let (code, _, errors) = gimbald(&["replay", &input, "-o", "null:"]);
         assert_eq!(code, 65, "{errors}");
         says(words, &errors);
-        says("nothing could be shown", &errors);
+        says("contains only black pictures", &errors);
         let (code, answer, errors) = gimbald(&["check", &input]);
         assert_eq!(code, 65, "{errors}");
         says(words, &answer);
-        says("no frame can be used", &errors);
+        says("no usable frames", &errors);
         let (code, answer, errors) = gimbald(&["calibrate", &input]);
         assert_eq!(code, 65, "{errors}");
         says(words, &errors);
@@ -122,7 +122,7 @@ fn where_some_frames_cannot_be_used_the_rest_is_shown_and_it_is_said() {
     assert_eq!(code, 65, "{errors}");
     says("24 frames, 400x300 MJPG", &answer);
     says("3 of 24 frames cannot be decoded", &answer);
-    says("replay shows the picture before each again", &errors);
+    says("replay repeats the previous picture for each", &errors);
 }
 
 #[test]

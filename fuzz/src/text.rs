@@ -49,7 +49,7 @@ pub fn request(data: &[u8]) {
     let state = STATE.get_or_init(|| {
         let file = "[crop]\nzoom = 1.2\n[camera]\ndevice = 3\n";
         let reread = || Settings::read(Some(("gimbald.toml", file)), &[]).map_err(|faults| faults.to_string());
-        DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(reread))
+        DaemonState::new(Settings::default(), Systemd::disconnected(), Box::new(reread))
     });
     for line in data.split(|&byte| byte == b'\n') {
         let reply = match Request::read(line) {

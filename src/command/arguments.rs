@@ -1,49 +1,51 @@
-//! The command line: which commands there are, and what each takes.
+//! The command line: all commands and their arguments.
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, bench, calibrate, check, demo, doctor, pipewire, record, replay, run, talk};
+use super::{Exit, bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run};
 
-/// A software gimbal for webcams: takes shake and rolling-shutter distortion out of a camera's picture, live or recorded
+/// Software gimbal for webcams: removes camera shake and rolling-shutter distortion, live or from recordings
 #[derive(Debug, Parser)]
 #[command(name = "gimbald", version, after_help = Exit::help())]
 pub struct Arguments {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What there is to do.
+/// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Stabilize a camera's picture into a loopback device, until told to stop: the service
+    /// Run the service: stabilize a camera into a virtual camera until stopped
     Run(run::Args),
-    /// Offer the service's picture as a PipeWire camera: the companion in a user's session
+    /// Run the companion in a user's session that offers the service's picture as a PipeWire camera
     Pipewire(pipewire::Args),
-    /// Say how the service does: devices, rate, latency, losses, what it found out
-    Status(talk::StatusArgs),
-    /// Have the service take the shake out again
-    On(talk::Args),
-    /// Have the service show the camera's picture as it is
-    Off(talk::Args),
-    /// Change a setting of the service until it reads its configuration again
-    Set(talk::SetArgs),
-    /// Have the service read its configuration again
-    Reload(talk::Args),
-    /// Find what keeps gimbald from working, or from working well, and say what mends it
+    /// Show service status: devices, frame rate, latency, dropped frames, estimated camera parameters
+    Status(client::StatusArgs),
+    /// Enable stabilization
+    On(client::Args),
+    /// Disable stabilization: show the camera's picture, only cropped
+    Off(client::Args),
+    /// Change a setting of the running service, until the next reload or restart
+    Set(client::SetArgs),
+    /// Reload the service's configuration file
+    Reload(client::Args),
+    /// Diagnose problems and suggest fixes
     Doctor(doctor::Args),
-    /// Stabilize a recorded stream
+    /// Stabilize a recording or a y4m file
     Replay(replay::Args),
-    /// Record a camera's frames as they come
+    /// Record a camera's raw frames to a file
     Record(record::Args),
-    /// Find out a camera's readout time and field of view from a recorded stream, or from the camera while it is moved about
+    /// Estimate a camera's readout time and field of view, from a recording or while you move the camera
     Calibrate(calibrate::Args),
-    /// Measure what a frame costs on this machine, and which frame rates it can hold
+    /// Benchmark this machine: processing time per frame, and the frame rates that it can sustain
     Bench(bench::Args),
-    /// Show what it does: makes a shaky clip, stabilizes it, and says where to look
+    /// Generate a shaky clip, stabilize it, and write a report
     Demo(demo::Args),
-    /// List cameras and loopback devices
-    Devices,
-    /// Check a configuration file, or read a recorded stream through
+    /// Measure the shake of recorded clips, e.g. before and after stabilization
+    Measure(measure::Args),
+    /// List cameras and loopback devices that gimbald can use
+    Devices(devices::Args),
+    /// Check a configuration file or a recording
     Check(check::Args),
 }

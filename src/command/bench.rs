@@ -20,13 +20,13 @@ pub use measure::{Measured, measure};
 /// Arguments of `bench`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// How to stabilize
+    /// Settings of the stabilization
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Longest time to measure for (seconds, 1 to 600)
+    /// Maximum duration in seconds (1 to 600)
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds)]
     seconds: f64,
-    /// Everything as JSON on standard output
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
@@ -118,9 +118,9 @@ pub fn table(out: &mut dyn Write, done: &[Measured]) -> io::Result<()> {
     }
     writeln!(
         out,
-        "x memory: the frame, without decoding, against a plain copy of its 4:2:0 picture from memory to memory (rings larger than the \
-         cache, which is how a pipeline meets its frames); x cache: against the same two buffers copied again and again. holds: \
-         frames a second within p99."
+        "x memory: time of the frame, without decoding, relative to a plain copy of its 4:2:0 picture from memory to memory (ring buffers \
+         larger than the cache, like the frames of a camera); x cache: relative to a copy between the same two buffers. holds: \
+         sustainable frame rate (from p99)."
     )
 }
 

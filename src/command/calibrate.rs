@@ -14,8 +14,8 @@ use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
+use super::print::{print, warn};
 use super::record::{positive, synthetic};
-use super::say::{say, warn};
 use super::{Exit, Failure, SettingsArgs};
 use crate::config::Settings;
 use crate::device::v4l2::Capture;
@@ -40,16 +40,16 @@ const CLEARLY: f64 = 0.05;
 /// Arguments of `calibrate`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A recorded stream (y4m, .gbr, - for standard input), or a camera: path, number or part of its name; without one, camera.device
+    /// Recording (y4m, .gbr, - for standard input), or camera: path, number or part of its name; by default camera.device
     #[arg(value_name = "IN|DEVICE")]
     input: Option<PathBuf>,
-    /// Look at so much of it (seconds); otherwise at 20 of a camera, 120 of a file
+    /// Use S seconds of it; by default 20 of a camera, 120 of a file
     #[arg(long, value_name = "S", value_parser = positive)]
     seconds: Option<f64>,
-    /// Look at so many frames at most
+    /// Use at most N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
-    /// How the camera is opened; what it says of readout time and field of view is left aside
+    /// Settings for opening the camera; readout time and field of view are ignored
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -67,9 +67,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let seconds = args.seconds.unwrap_or(if recorded { SECONDS.1 } else { SECONDS.0 });
     let source = if recorded { replay::open(&input)? } else { camera(&settings, &input, wake)? };
     if !recorded {
-        say(&format!(
-            "Move the camera about for {seconds:.0} seconds: turn it left and right, up and down, briskly, before a scene that \
-             stands still and is not near.\n"
+        print(&format!(
+            "Move the camera for {seconds:.0} seconds: turn it left and right, up and down, briskly, in front of a scene that \
+             is static and not close.\n"
         ))?;
     }
     let look = |source: Box<dyn FrameSource>, known: Camera, what: &'static str| {
@@ -77,15 +77,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let frames = source.frames();
         Footage::gather(&mut source, &settings.pipeline, known, &stop, (what, frames))
     };
-    let mut footage = look(source, Camera::default(), "looking")?;
+    let mut footage = look(source, Camera::default(), "analysing")?;
     usable(&input.display().to_string(), recorded, &footage)?;
     let (mut best, mut other) = footage.answers(None);
     if recorded && input.is_file() && !stop.is_set() && footage.frames >= LEAST_FRAMES {
-        footage = look(replay::open(&input)?, footage.about(&best.camera), "looking again")?;
+        footage = look(replay::open(&input)?, footage.about(&best.camera), "refining")?;
         (best, other) = footage.answers(Some(&best.camera));
     }
     if stop.is_set() && recorded {
-        return Err(Failure::new(Exit::Interrupted, "interrupted; nothing was found out"));
+        return Err(Failure::new(Exit::Interrupted, "interrupted; no result"));
     }
     let found = Found {
         interval_s: footage.interval_s(),
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let name = input.display().to_string();
     let fault = found.fault(&footage);
-    say(&found.told(&name, &footage, fault.is_none()))?;
+    print(&found.told(&name, &footage, fault.is_none()))?;
     fault.map_or(Ok(()), |fault| Err(Failure::new(Exit::Inconclusive, format!("{name}: {fault}"))))
 }
 
@@ -107,13 +107,13 @@ fn usable(name: &str, recorded: bool, footage: &Footage) -> Result<(), Failure> 
     let Some(why) = footage.unusable.in_words(footage.frames) else { return Ok(()) };
     let usable = footage.frames.saturating_sub(footage.unusable.total());
     if usable >= LEAST_FRAMES && 2 * usable >= footage.frames {
-        warn(&format!("{name}: {why}; what was found comes from the others"));
+        warn(&format!("{name}: {why}; the result is based on the other frames"));
         return Ok(());
     }
     let (exit, what) = if recorded {
-        (Exit::BadData, "there is nothing to calibrate from")
+        (Exit::BadData, "cannot calibrate")
     } else {
-        (Exit::Unavailable, "try another camera.format, another cable or another socket")
+        (Exit::Unavailable, "try another camera.format, cable or USB port")
     };
     Err(Failure::new(exit, format!("{name}: {why}; {what}")))
 }
@@ -169,25 +169,23 @@ impl Found {
         let (duration_s, interval_s) = (footage.duration_s(), self.interval_s);
         let mut text = format!("{name}: {} frames, {duration_s:.1} s", footage.frames);
         if footage.cut {
-            text += "; the picture changed its size, and what came then was left aside";
+            text += "; the frame size changed, frames after that were ignored";
         }
-        let _ = writeln!(
-            text,
-            "\nmotion: {motion_px:.1} pixels from frame to frame (root mean square); more than {LEAST_MOTION_PX} in {moving_s:.1} s"
-        );
+        let _ =
+            writeln!(text, "\nmotion: {motion_px:.1} pixels per frame (RMS); more than {LEAST_MOTION_PX} for {moving_s:.1} s");
         if self.is_uneven() {
-            let _ = writeln!(text, "times: {}", self.unevenness());
+            let _ = writeln!(text, "time stamps: {}", self.unevenness());
         }
         let mut lines = String::new();
         if let Some(Estimate { value, uncertainty }) = self.readout() {
             let direction = match value {
-                _ if value.abs() <= uncertainty => "and so as good as none: a global shutter",
-                _ if value < 0.0 => "from bottom to top",
-                _ => "from top to bottom",
+                _ if value.abs() <= uncertainty => "not distinguishable from a global shutter",
+                _ if value < 0.0 => "bottom to top",
+                _ => "top to bottom",
             };
             let _ = writeln!(
                 text,
-                "readout time: {:.2} ms, give or take {:.2}: {:.1} % of the frame interval, {direction}",
+                "readout time: {:.2} ± {:.2} ms, {:.1} % of the frame interval, {direction}",
                 1e3 * value.abs(),
                 1e3 * uncertainty,
                 100.0 * value.abs() / interval_s
@@ -195,21 +193,18 @@ impl Found {
             let _ = writeln!(lines, "readout_ms = {:.2}", 1e3 * value);
         }
         if let Some(Estimate { value, uncertainty }) = self.hfov() {
-            let _ = writeln!(text, "field of view: {value:.1} degrees from left to right, give or take {uncertainty:.1}");
+            let _ = writeln!(text, "field of view: {value:.1} ± {uncertainty:.1} degrees (horizontal)");
             let _ = writeln!(lines, "hfov_deg = {value:.1}");
         }
         if is_whole {
-            let _ = write!(text, "For the configuration:\n\n[camera]\n{lines}");
+            let _ = write!(text, "Add to the configuration:\n\n[camera]\n{lines}");
         }
         text
     }
 
     fn unevenness(&self) -> String {
         let Evenness { jitter_s, intervals, doubtful } = self.evenness;
-        format!(
-            "intervals are off the camera's rhythm by {:.1} ms (root mean square), and {doubtful} of {intervals} do not fit it at all",
-            1e3 * jitter_s
-        )
+        format!("jitter of {:.1} ms (RMS), {doubtful} of {intervals} intervals are outliers", 1e3 * jitter_s)
     }
 
     /// Why not everything is known, where it is not, and what to do.
@@ -221,16 +216,16 @@ impl Found {
         let what = missing.join("; ");
         Some(match () {
             () if footage.frames < LEAST_FRAMES => {
-                format!("too short to tell: {what}; give it more footage, or leave the keys at \"auto\"")
+                format!("too short: {what}; use a longer recording, or keep the settings at \"auto\"")
             }
             () if self.is_uneven() => format!(
-                "the frames' times are uneven: {}; {what}; record longer, on a machine that does nothing else, with the camera at a \
-                 port of its own, or leave the keys at \"auto\"",
+                "uneven time stamps: {}; {what}; record longer, on an idle machine, with the camera on a \
+                 USB port of its own, or keep the settings at \"auto\"",
                 self.unevenness()
             ),
             () => format!(
-                "too little motion, or motion that does not tell: {what}; move the camera more, turning it left and right and up and \
-                 down, before a scene that stands still and is not near, without carrying it about, or leave the keys at \"auto\""
+                "too little or unsuitable motion: {what}; turn the camera more, left and right, up and \
+                 down, in front of a static scene that is not close, without moving it sideways, or keep the settings at \"auto\""
             ),
         })
     }
@@ -239,32 +234,32 @@ impl Found {
     fn missing(&self, footage: &Footage) -> Vec<String> {
         let limit = certainty::LIMIT;
         if footage.frames < LEAST_FRAMES {
-            return vec![format!("{} frames are too few", footage.frames)];
+            return vec![format!("only {} frames", footage.frames)];
         }
         let mut missing = Vec::new();
         if self.evenness.doubt() > MOST_DOUBT {
-            missing.push(format!("no more than {:.0} % of the intervals may be doubtful", 100.0 * MOST_DOUBT));
+            missing.push(format!("more than {:.0} % of the intervals are outliers", 100.0 * MOST_DOUBT));
         } else if certainty::known_readout(&self.best.camera, self.interval_s).is_none() {
             let Estimate { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
             let [value, uncertainty] = [value, uncertainty].map(|seconds| 100.0 * seconds / self.interval_s);
             missing.push(if uncertainty > 100.0 * limit.0 {
                 format!(
-                    "the readout time stays uncertain by {uncertainty:.0} % of the frame interval ({:.0} % at most would do)",
+                    "the uncertainty of the readout time is {uncertainty:.0} % of the frame interval (at most {:.0} % is accepted)",
                     100.0 * limit.0
                 )
             } else {
-                format!("the readout time went to {value:.0} % of the frame interval, the edge of what can be")
+                format!("the readout time of {value:.0} % of the frame interval is at the limit of the search range")
             });
         } else if let Some(other) = &self.ambiguous {
             let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s);
-            missing.push(format!("readout times of {a:.1} and of {b:.1} ms agree with it about as well"));
+            missing.push(format!("readout times of {a:.1} and {b:.1} ms fit about equally well"));
         }
         if certainty::known_hfov(&self.best.camera).is_none() {
             let Estimate { value, uncertainty } = certainty::hfov(&self.best.camera);
             missing.push(if uncertainty > limit.1 {
-                format!("the field of view stays uncertain by {uncertainty:.0} degrees ({:.0} at most would do)", limit.1)
+                format!("the uncertainty of the field of view is {uncertainty:.0} degrees (at most {:.0} is accepted)", limit.1)
             } else {
-                format!("the field of view went to {value:.0} degrees, the edge of what is looked for")
+                format!("the field of view of {value:.0} degrees is at the limit of the search range")
             });
         }
         missing

@@ -1,10 +1,11 @@
 //! `gimbald check`: whether a configuration or a recorded stream is right, and what it holds.
 
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::say::say;
+use super::print::print;
 use super::settings::text_of;
 use super::{Exit, Failure};
 use crate::config::{Settings, key_table, keys, shipped_file};
@@ -16,7 +17,7 @@ use crate::pipeline::{Decoder, Reasons};
 /// Arguments of `check`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// A configuration file, or a recorded stream (y4m, .gbr), which is read to its end
+    /// Configuration file, or recording (y4m, .gbr), which is decoded completely
     #[arg(value_name = "FILE", required_unless_present_any = ["defaults", "keys"])]
     file: Option<PathBuf>,
     /// Print a configuration file with every key, its unit, range and default
@@ -39,7 +40,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(path) if is_stream(path)? => return stream(path),
         Some(path) => configuration(path)?,
     };
-    say(&answer)
+    print(&answer)
 }
 
 /// Whether the file is meant as a stream: by its beginning, or where that is damaged or of another kind, by its name. Standard
@@ -66,7 +67,7 @@ fn configuration(path: &Path) -> Result<String, Failure> {
     let defaults = Settings::default();
     let changed: Vec<_> = settings.differing(&defaults).collect();
     let mut answer =
-        format!("{}: right; {} of {} keys differ from the default\n", path.display(), changed.len(), keys::KEYS.len());
+        format!("{}: valid; {} of {} keys differ from the default\n", path.display(), changed.len(), keys::KEYS.len());
     for key in changed {
         answer += &format!("  {} = {}  (default {})\n", key.name, key.shown(&settings), key.shown(&defaults));
     }
@@ -74,6 +75,11 @@ fn configuration(path: &Path) -> Result<String, Failure> {
         answer += &format!("  {retired}\n");
     }
     Ok(answer)
+}
+
+/// A number of frames, as text.
+pub(super) fn frames_text(count: u64) -> String {
+    format!("{count} {}", if count == 1 { "frame" } else { "frames" })
 }
 
 /// What a stream was found to hold.
@@ -108,12 +114,12 @@ fn stream(path: &Path) -> Result<(), Failure> {
     let mut source = replay::open(path)?;
     let mut found = Found::default();
     let ended = read_through(source.as_mut(), &mut found);
-    say(&told(path, source.as_ref(), &found))?;
+    print(&told(path, source.as_ref(), &found))?;
     ended?;
     let what = match found.unusable.in_words(found.frames) {
-        Some(_) if found.unusable.total() == found.frames => "no frame can be used; replay can show nothing of it".to_owned(),
-        Some(why) => format!("{why}; replay shows the picture before each again"),
-        None if found.truncated > 0 => format!("{} frames are shorter than they should be", found.truncated),
+        Some(_) if found.unusable.total() == found.frames => "no usable frames, replay cannot show anything".to_owned(),
+        Some(why) => format!("{why}; replay repeats the previous picture for each"),
+        None if found.truncated > 0 => format!("{} truncated", frames_text(found.truncated)),
         None => return Ok(()),
     };
     Err(Failure::new(Exit::BadData, format!("{}: {what}", path.display())))
@@ -160,7 +166,7 @@ impl Found {
         }
     }
 
-    /// How long the stream is (seconds), and its frames a second, where its nominal rate is `rate` (0: unknown). A frame whose time says
+    /// How long the stream is (seconds), and its frame rate, where its nominal rate is `rate` (0: unknown). A frame whose time says
     /// nothing lasts for the nominal interval, as the last one does.
     fn length(&self, rate: f64) -> (f64, f64) {
         let span_s = self.span_ns as f64 / 1e9;
@@ -177,24 +183,24 @@ fn told(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
     let rate = source.format().rate();
     let (duration_s, mean) = found.length(rate);
     let mut text = format!(
-        "{}: {} frames, {}, {duration_s:.3} s, {mean:.3} frames a second (nominal {:.3})\n",
+        "{}: {}, {}, {duration_s:.3} s, {mean:.3} fps (nominal {:.3})\n",
         path.display(),
-        found.frames,
-        if sizes.is_empty() { "no size".to_owned() } else { sizes.join(", then ") },
+        frames_text(found.frames),
+        if sizes.is_empty() { "no frames".to_owned() } else { sizes.join(", then ") },
         rate
     );
     if let Some(why) = found.unusable.in_words(found.frames) {
         text += &format!("  {why}\n");
     }
     for (count, what) in [
-        (found.truncated, "shorter than they should be"),
-        (found.missing, "missing: the camera counted them but did not give them"),
-        (found.misnumbered, "whose number does not follow that of the frame before"),
-        (found.disordered, "not later than the frame before: not counted in the length but as the nominal interval"),
-        (found.paused, "more than 10 s after the frame before: likewise"),
+        (found.truncated, "truncated"),
+        (found.missing, "missing (counted by the camera but not delivered)"),
+        (found.misnumbered, "out of sequence"),
+        (found.disordered, "with a time stamp that does not increase (counted as one nominal interval)"),
+        (found.paused, "after a gap of more than 10 s (counted as one nominal interval)"),
     ] {
         if count > 0 {
-            text += &format!("  {count} frames {what}\n");
+            let _ = writeln!(text, "  {} {what}", frames_text(count));
         }
     }
     text

@@ -1,18 +1,18 @@
-//! `gimbald demo`: a shaky clip, made on the spot, and what becomes of it.
+//! `gimbald demo`: generates a shaky clip, stabilizes it and measures both.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
+use super::measure::{Shake, measure};
 use super::place::ReportFile;
+use super::print::told;
 use super::progress::Progress;
 use super::record::positive;
-use super::say::told;
 use super::watch::Watch;
-use super::{Exit, Failure};
+use super::{Exit, Failure, SettingsArgs};
 use crate::config::Settings;
-use crate::device::null::NullSink;
 use crate::device::replay;
 use crate::device::synthetic::{self, Motion, Synthetic};
 use crate::device::y4m::Y4mSink;
@@ -28,22 +28,26 @@ use crate::stage::unpack::Unpack;
 /// Arguments of `demo`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Where the files go; made where it is not there
+    /// Output directory; created if it does not exist
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     dir: PathBuf,
-    /// Length of the clip (seconds, at most 60)
+    /// Length of the clip in seconds (at most 60)
     #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = positive)]
     seconds: f64,
-    /// How the camera shakes: handheld, walk, desk, horizontal, vertical, pan or still
+    /// Camera motion: handheld, walk, desk, horizontal, vertical, pan or still
     #[arg(long, value_name = "MOTION", default_value = "handheld")]
     motion: Motion,
+    /// Settings of the stabilization; readout time and field of view are those of the clip unless set
+    #[command(flatten)]
+    settings: SettingsArgs,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// Where the directory or its files cannot be written.
+/// Errors in the settings, and where the directory or its files cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let mut settings = args.settings.read()?;
     let stop = stop_on_signal(None)?;
     fs::create_dir_all(&args.dir).map_err(|error| Failure::creating(&args.dir, &error))?;
     let file = |name: &str| args.dir.join(name);
@@ -59,13 +63,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let camera = synthetic::Params { motion: args.motion, frames, ..camera };
     film(&camera, &files.input, &stop)?;
 
-    let mut settings = Settings::default();
-    settings.pipeline.camera.readout_ms = Known::Exactly(camera.readout_ms);
-    settings.pipeline.camera.hfov_deg = Known::Exactly(camera.hfov_deg);
+    let known = &mut settings.pipeline.camera;
+    for (setting, truth) in [(&mut known.readout_ms, camera.readout_ms), (&mut known.hfov_deg, camera.hfov_deg)] {
+        if *setting == Known::Nothing {
+            *setting = Known::Exactly(truth);
+        }
+    }
     let before = stabilize(&settings, &files, &stop)?;
-    let after = measure(&settings, &files.output, &stop)?;
+    let after = measure(&settings.pipeline, &files.output, &stop)?;
     if stop.is_set() {
-        return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} holds a part of the demo", args.dir.display())));
+        return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} is incomplete", args.dir.display())));
     }
     told(tell(&files, &before, &after))
 }
@@ -113,16 +120,6 @@ fn stabilize(settings: &Settings, files: &Files, stop: &Stop) -> Result<Shake, F
     Ok(both.1)
 }
 
-/// How a clip shakes: its frames are followed as an input's are, and what was drawn is thrown away.
-fn measure(settings: &Settings, path: &Path, stop: &Stop) -> Result<Shake, Failure> {
-    let mut source = replay::open(path)?;
-    let mut sink = NullSink::new(&source.format());
-    let mut both = (Watch::new("measuring", source.frames(), stop.clone()), Shake::default());
-    let ran = run_inline(source.as_mut(), &mut sink, &settings.pipeline, stop, &mut both);
-    both.0.end(ran)?;
-    Ok(both.1)
-}
-
 /// Both are shown everything.
 impl Observer for (Watch, Shake) {
     fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
@@ -135,61 +132,20 @@ impl Observer for (Watch, Shake) {
     }
 }
 
-/// How a clip shakes, from the homographies between its frames: how much the motion of the picture's centre, and its slant,
-/// change from one frame to the next.
-#[derive(Debug, Default)]
-struct Shake {
-    /// Motion of the centre (x, y, pixels) and slant (radians) against the frame before.
-    last: Option<[f64; 3]>,
-    /// Sums of squares of their changes.
-    sums: [f64; 3],
-    count: u64,
-}
-
-impl Shake {
-    /// Root mean square of the change of the centre's motion, pixels a frame a frame.
-    fn centre_px(&self) -> f64 {
-        ((self.sums[0] + self.sums[1]) / self.count.max(1) as f64).sqrt()
-    }
-
-    /// Root mean square of the change of the slant, degrees.
-    fn slant_deg(&self) -> f64 {
-        (self.sums[2] / self.count.max(1) as f64).sqrt().to_degrees()
-    }
-}
-
-impl Observer for Shake {
-    fn drawn(&mut self, frame: &Frame, _: PictureRef<'_>) {
-        let fit = &frame.context.fit;
-        if fit.inliers == 0 {
-            self.last = None;
-            return;
-        }
-        let centre = [frame.picture.width() as f64 / 2.0, frame.picture.height() as f64 / 2.0];
-        let moved = fit.homography.apply(centre);
-        let h = &fit.homography.0;
-        let now = [moved[0] - centre[0], moved[1] - centre[1], (h[(0, 1)] / h[(1, 1)]).atan()];
-        if let Some(last) = self.last.replace(now) {
-            (0..3).for_each(|i| self.sums[i] += (now[i] - last[i]).powi(2));
-            self.count += 1;
-        }
-    }
-}
-
 /// Says where everything is and what came of it.
 fn tell(files: &Files, before: &Shake, after: &Shake) -> io::Result<()> {
     let mut out = io::stdout().lock();
     for (path, what) in [
-        (&files.input, "the shaky clip (mpv, VLC and ffplay show .y4m)"),
-        (&files.output, "the steady one"),
-        (&files.beside, "both, side by side"),
-        (&files.report, "plots and pictures, for a browser"),
+        (&files.input, "the shaky clip (play .y4m with mpv, VLC or ffplay)"),
+        (&files.output, "the stabilized clip"),
+        (&files.beside, "both side by side"),
+        (&files.report, "report with plots and pictures, for a browser"),
     ] {
         writeln!(out, "{:<28} {what}", path.display().to_string())?;
     }
     writeln!(
         out,
-        "measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (root mean square change from frame to frame)",
+        "measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (RMS change from frame to frame)",
         before.centre_px(),
         after.centre_px(),
         before.slant_deg(),

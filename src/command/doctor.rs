@@ -1,4 +1,4 @@
-//! `gimbald doctor`: what keeps gimbald from working here, or from working well, and the command that mends it.
+//! `gimbald doctor`: diagnoses problems and suggests fixes.
 
 mod finding;
 pub(super) mod machine;
@@ -7,22 +7,20 @@ mod service;
 
 use std::path::{Path, PathBuf};
 
-use super::say::say;
+use super::client::Target;
+use super::print::print;
 use super::settings::text_of;
-use super::talk::Whom;
 use super::{Exit, Failure};
 use crate::config::Settings;
 use crate::control::Status;
 use crate::device::DeviceError;
-use crate::device::v4l2::{DeviceInfo, Direction, devices, find};
+use crate::device::v4l2::{DeviceInfo, Direction, LOAD_COMMAND as LOAD, LoopbackVersion, devices, find};
 use crate::kernel::Level;
 use finding::{Finding, Severity};
 use machine::{Holder, Machine};
 
 /// The configuration of the service.
 const CONFIG: &str = "/etc/gimbald.toml";
-/// What loads the module as gimbald wants it.
-const LOAD: &str = "sudo modprobe v4l2loopback exclusive_caps=1 max_buffers=8 card_label=gimbald";
 /// The driver's name of a loopback.
 const LOOPBACK: &str = "v4l2 loopback";
 /// Buffers below which a slow reader's picture is overwritten while it reads.
@@ -32,8 +30,8 @@ const ENOUGH_BUFFERS: u32 = 4;
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    whom: Whom,
-    /// As JSON
+    target: Target,
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
@@ -44,29 +42,29 @@ pub struct Args {
 /// With the exit code of the worst finding; all are told before.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let machine = Machine::at(Path::new("/"));
-    let (unit, path) = match &args.whom.instance {
+    let (unit, path) = match &args.target.instance {
         Some(name) => (format!("gimbald@{name}"), PathBuf::from(format!("/etc/gimbald/{name}.toml"))),
-        None => ("gimbald".into(), args.whom.config.clone().unwrap_or_else(|| CONFIG.into())),
+        None => ("gimbald".into(), args.target.config.clone().unwrap_or_else(|| CONFIG.into())),
     };
-    let (configured, settings) = configuration(&path, args.whom.config.is_some());
+    let (configured, settings) = configuration(&path, args.target.config.is_some());
     let mut findings = vec![configured, processor()];
     findings.extend(module(&machine, settings.output.pipewire));
-    let (daemon, status) = service::asked(&args.whom);
+    let (daemon, status) = service::asked(&args.target);
     let known = devices();
     findings.extend(output(&machine, &settings, &known, status.as_ref()));
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
     let loopback = meant("output", &settings.output.device, Direction::Output, &known).ok().map(|(path, _)| path);
     if settings.output.pipewire {
-        findings.extend(pipewire::looked_at(args.whom.instance.as_deref(), loopback.as_deref()));
+        findings.extend(pipewire::looked_at(args.target.instance.as_deref(), loopback.as_deref()));
     }
     findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
     findings.push(daemon);
     findings.extend(status.iter().flat_map(service::frames));
     if args.json {
         let text = serde_json::to_string_pretty(&findings);
-        say(&(text.map_err(|error| Failure::new(Exit::Io, format!("cannot write JSON: {error}")))? + "\n"))?;
+        print(&(text.map_err(|error| Failure::new(Exit::Io, format!("cannot write JSON: {error}")))? + "\n"))?;
     } else {
-        say(&findings.iter().map(ToString::to_string).collect::<String>())?;
+        print(&findings.iter().map(ToString::to_string).collect::<String>())?;
     }
     ended(&findings)
 }
@@ -81,24 +79,24 @@ fn ended(findings: &[Finding]) -> Result<(), Failure> {
         Severity::Fault => Exit::Unavailable,
         Severity::Config => Exit::Config,
     };
-    Err(Failure::new(exit, format!("{count} of {} findings should be looked at: see the arrows above", findings.len())))
+    Err(Failure::new(exit, format!("{count} of {} checks need attention, see the suggestions (->) above", findings.len())))
 }
 
 /// The settings, where they are right, else the defaults.
 fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
     let shown = path.display();
     if !asked && !path.exists() {
-        let what = format!("{shown} is not there: every key has its default");
+        let what = format!("{shown} does not exist, using defaults");
         return (Finding::note("config", what), Settings::default());
     }
     let read = text_of(path).and_then(|text| Ok(Settings::read(Some((&path.to_string_lossy(), &text)), &[])?));
     match read {
         Ok(settings) => match settings.retired.first() {
-            None => (Finding::good("config", format!("{shown} is right")), settings),
+            None => (Finding::good("config", format!("{shown} is valid")), settings),
             Some(retired) => (Finding::advice("config", format!("{retired}"), format!("sudoedit {shown}")), settings),
         },
         Err(failure) => {
-            let mend = format!("correct it, then: gimbald check {shown}");
+            let mend = format!("fix the file, then: gimbald check {shown}");
             (Finding { severity: Severity::Config, ..Finding::fault("config", failure.message, mend) }, Settings::default())
         }
     }
@@ -107,45 +105,44 @@ fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
 fn processor() -> Finding {
     let (level, best) = (Level::detected(), Level::best());
     if level < best {
-        let what = format!("{}={} leaves {} unused", crate::kernel::LEVEL_VARIABLE, level.name(), best.name());
+        let what = format!("{}={} disables {}", crate::kernel::LEVEL_VARIABLE, level.name(), best.name());
         return Finding::advice("processor", what, format!("unset {}", crate::kernel::LEVEL_VARIABLE));
     }
     if best == Level::SCALAR {
-        return Finding::note("processor", "has no AVX2: choose 640x480 or fewer frames where the picture stutters");
+        return Finding::note("processor", "no AVX2: use 640x480 or a lower frame rate if the picture stutters");
     }
-    Finding::good("processor", format!("{} is used", best.name()))
+    Finding::good("processor", format!("using {}", best.name()))
 }
 
 /// `pipewire`: whether pictures go to PipeWire as well, so that no loopback is needed.
 fn module(machine: &Machine, pipewire: bool) -> Vec<Finding> {
     let Some(version) = machine.loopback_version() else {
         if pipewire {
-            let what = "v4l2loopback is not loaded: the picture goes to PipeWire alone. Programs that know V4L2 alone need the module: \
+            let what = "v4l2loopback is not loaded, PipeWire is the only output. For programs that only support V4L2, install it: \
                         sudo apt-get install v4l2loopback-dkms";
             return vec![Finding::note("module", what)];
         }
         return vec![if machine.has_loopback_module() {
-            Finding::fault("module", "v4l2loopback is installed, but not loaded", LOAD)
+            Finding::fault("module", "v4l2loopback is installed but not loaded", LOAD)
         } else {
             let install = "sudo apt-get install v4l2loopback-dkms linux-headers-$(uname -r)";
-            Finding::fault("module", "v4l2loopback is not installed for the kernel that runs", format!("{install} && {LOAD}"))
+            Finding::fault("module", "v4l2loopback is not installed for the running kernel", format!("{install} && {LOAD}"))
         }];
     };
     let mut findings = vec![Finding::good("module", format!("v4l2loopback {version} is loaded"))];
-    let numbers: Vec<u32> = version.split('.').map_while(|part| part.parse().ok()).collect();
-    if numbers.len() >= 2 && numbers[..2] < [0, 13][..] {
-        let what = "before version 0.13 v4l2loopback does not tell who watches: whoever holds the device open counts";
+    if LoopbackVersion::parse(&version) < LoopbackVersion::REPORTS_VIEWERS {
+        let what = "v4l2loopback before 0.13 does not report viewers: every program that has the device open counts as one";
         findings.push(Finding::note("module", what));
     }
     let buffers = machine.loopback_parameter("max_buffers").and_then(|count| count.parse::<u32>().ok());
     if let Some(buffers) = buffers.filter(|buffers| *buffers < ENOUGH_BUFFERS) {
-        let what = format!("max_buffers={buffers}: a reader that is slow may see a picture that is being overwritten");
+        let what = format!("max_buffers={buffers}: a slow reader may see a frame that is being overwritten");
         findings.push(Finding::advice("module", what, reload_module()));
     }
     findings
 }
 
-/// What loads the module anew; whoever uses it has to let go.
+/// Reloads the module; all programs that use it have to be closed first.
 fn reload_module() -> String {
     format!(
         "close all programs that use it, then: sudo systemctl stop gimbald; sudo modprobe -r v4l2loopback && {LOAD}; sudo systemctl start gimbald"
@@ -162,8 +159,10 @@ fn meant<'a>(
     let path = find(device, direction).map_err(|error| {
         let mend = match (direction, known.iter().any(|info| info.driver == LOOPBACK)) {
             (Direction::Output, false) => LOAD.to_owned(),
-            (Direction::Output, true) => "gimbald devices lists them; correct output.device".to_owned(),
-            (Direction::Capture, _) => "plug it in; gimbald devices lists them; correct camera.device".to_owned(),
+            (Direction::Output, true) => "list them with `gimbald devices`, and fix output.device".to_owned(),
+            (Direction::Capture, _) => {
+                "plug it in; or list the cameras with `gimbald devices`, and fix camera.device".to_owned()
+            }
         };
         Finding::fault(about, error.to_string(), mend)
     })?;
@@ -175,13 +174,17 @@ fn meant<'a>(
 /// What is wrong with opening a device, if anything.
 fn unopened(about: &'static str, path: &Path, info: Option<&DeviceInfo>) -> Option<Finding> {
     let Some(info) = info else {
-        return Some(Finding::fault(about, format!("{} is not there", path.display()), "gimbald devices lists those that are"));
+        return Some(Finding::fault(
+            about,
+            format!("{} does not exist", path.display()),
+            "list the devices with `gimbald devices`",
+        ));
     };
     let problem = info.problem.as_ref()?;
     let denied = matches!(problem, DeviceError::Io { source, .. } if source.kind() == std::io::ErrorKind::PermissionDenied);
     Some(if denied {
-        let mend = "sudo usermod -aG video \"$USER\", then log in anew (the service has the group already)";
-        Finding::advice(about, format!("you may not open {}", path.display()), mend)
+        let mend = "sudo usermod -aG video \"$USER\", then log out and in again (the service is in the group already)";
+        Finding::advice(about, format!("permission denied for {}", path.display()), mend)
     } else {
         Finding::fault(about, problem.to_string(), "gimbald devices; dmesg | tail")
     })
@@ -199,12 +202,16 @@ fn output(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: 
     }
     let Some(info) = info else { return Vec::new() };
     if info.driver != LOOPBACK {
-        let mend = "correct output.device; gimbald devices lists the loopbacks";
-        return vec![Finding::fault("output", format!("{shown} is no loopback, but {} ({})", info.card, info.driver), mend)];
+        let mend = "fix output.device; list the loopback devices with `gimbald devices`";
+        return vec![Finding::fault(
+            "output",
+            format!("{shown} is not a loopback device but {} ({})", info.card, info.driver),
+            mend,
+        )];
     }
     let mut findings = Vec::new();
     if info.capture && info.output {
-        let what = format!("{shown} ({}) has exclusive_caps=0: Chrome and others do not take it for a camera", info.card);
+        let what = format!("{shown} ({}) has exclusive_caps=0: Chrome and others do not recognize it as a camera", info.card);
         findings.push(Finding::advice("output", what, reload_module()));
     } else {
         findings.push(Finding::good("output", format!("{shown} ({}) has exclusive_caps", info.card)));
@@ -213,10 +220,10 @@ fn output(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: 
     let daemon = status.map(|status| status.pid);
     let others: Vec<String> = holders.iter().filter(|holder| Some(holder.pid) != daemon).map(named).collect();
     if !others.is_empty() {
-        findings.push(Finding::note("output", format!("{shown} is open in {}", others.join(", "))));
+        findings.push(Finding::note("output", format!("{shown} is in use by {}", others.join(", "))));
     }
     if !all {
-        findings.push(Finding::note("output", "not every process could be looked at; sudo gimbald doctor sees all"));
+        findings.push(Finding::note("output", "some processes could not be inspected; run `sudo gimbald doctor` to see all"));
     }
     findings.extend(agreement(machine.loopback_format(&path).as_deref(), settings, status, &others));
     findings
@@ -229,17 +236,21 @@ fn agreement(held: Option<&str>, settings: &Settings, status: Option<&Status>, o
     let wanted = settings.output.format.to_string();
     let agrees = code.eq_ignore_ascii_case(&wanted) || (wanted.eq_ignore_ascii_case("i420") && code == "YU12");
     if agrees {
-        return Some(Finding::good("format", format!("the loopback has {code} {size}, as configured")));
+        return Some(Finding::good("format", format!("the loopback device is set to {code} {size}, as configured")));
     }
     let mend = if others.is_empty() && status.is_none() {
-        "v4l2-ctl -d DEVICE -c keep_format=0, or load the module anew".to_owned()
+        "v4l2-ctl -d DEVICE -c keep_format=0, or reload the module".to_owned()
     } else {
         format!(
             "close {}, then: sudo systemctl restart gimbald",
             if others.is_empty() { "all readers".into() } else { others.join(", ") }
         )
     };
-    Some(Finding::advice("format", format!("the loopback has {code} {size}, but output.format is {wanted}: it is held"), mend))
+    Some(Finding::advice(
+        "format",
+        format!("the loopback device is set to {code} {size}, but output.format is {wanted}: a program holds the format"),
+        mend,
+    ))
 }
 
 fn camera(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: Option<&Status>) -> Vec<Finding> {
@@ -257,19 +268,15 @@ fn camera(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: 
     let others: Vec<String> =
         holders.iter().filter(|holder| Some(holder.pid) != daemon && holder.name != "gimbald").map(named).collect();
     if !others.is_empty() {
-        let what = format!("{} is open in {}: only one program can stream from it", path.display(), others.join(", "));
-        findings.push(Finding::advice("camera", what, "have them use the virtual camera, or close them"));
+        let what = format!("{} is in use by {}: only one program can stream from it", path.display(), others.join(", "));
+        findings.push(Finding::advice("camera", what, "select the virtual camera in these programs, or close them"));
     }
     if info.formats.iter().all(|format| format.pixel.is_none()) {
-        let what = format!("{} gives no format that gimbald reads", path.display());
-        findings.push(Finding::fault("camera", what, "v4l2-ctl --list-formats-ext shows them; choose another camera"));
+        let what = format!("{} offers no pixel format that gimbald can read", path.display());
+        findings.push(Finding::fault("camera", what, "choose another camera; v4l2-ctl --list-formats-ext shows the formats"));
     } else if let Some(format) = settings.camera.format.filter(|wanted| info.formats.iter().all(|f| f.pixel != Some(*wanted))) {
-        let what = format!("{} gives no {format}, which camera.format asks for", path.display());
-        findings.push(Finding::fault(
-            "camera",
-            what,
-            "gimbald devices lists its formats; camera.format = \"auto\" takes the best",
-        ));
+        let what = format!("{} does not offer {format}, which camera.format requests", path.display());
+        findings.push(Finding::fault("camera", what, "set camera.format = \"auto\"; `gimbald devices` lists the formats"));
     }
     findings
 }

@@ -12,11 +12,11 @@ use crate::device::DeviceError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
-    /// All went well.
+    /// Success.
     Ok = 0,
-    /// Doctor has advice, and nothing worse.
+    /// Doctor found something to improve, but no fault.
     Advised = 1,
-    /// The command line was not understood.
+    /// The command line is invalid.
     Usage = 64,
     /// An input file is damaged or of a kind that gimbald does not read.
     BadData = 65,
@@ -28,7 +28,7 @@ pub enum Exit {
     CannotCreate = 73,
     /// Reading or writing failed midway, as on a full disk.
     Io = 74,
-    /// What was asked could not be found out from this input.
+    /// The input does not allow a reliable result.
     Inconclusive = 75,
     /// The configuration has faults.
     Config = 78,
@@ -39,17 +39,17 @@ pub enum Exit {
 impl Exit {
     /// Every code with its meaning, in order.
     pub const ALL: [(Self, &'static str); 11] = [
-        (Self::Ok, "all went well"),
-        (Self::Advised, "doctor has advice; nothing keeps gimbald from working"),
-        (Self::Usage, "the command line was not understood"),
-        (Self::BadData, "an input file is damaged or of a kind that gimbald does not read"),
-        (Self::NoInput, "an input file is not there or cannot be opened"),
-        (Self::Unavailable, "a device or the service is not there, in use, or cannot do what was asked"),
+        (Self::Ok, "success"),
+        (Self::Advised, "doctor found something to improve, but no fault"),
+        (Self::Usage, "invalid command line"),
+        (Self::BadData, "an input file is damaged or has an unsupported format"),
+        (Self::NoInput, "an input file does not exist or cannot be opened"),
+        (Self::Unavailable, "a device or the service is not available, is in use, or does not support the request"),
         (Self::CannotCreate, "an output file cannot be created"),
-        (Self::Io, "reading or writing failed midway, as on a full disk"),
-        (Self::Inconclusive, "calibrate saw too little motion to be sure; try again with more"),
-        (Self::Config, "the configuration has faults; each is named"),
-        (Self::Interrupted, "ended by Ctrl-C before the end; what was written until then is whole"),
+        (Self::Io, "reading or writing failed, e.g. the disk is full"),
+        (Self::Inconclusive, "calibrate saw too little motion for a reliable result"),
+        (Self::Config, "the configuration is invalid"),
+        (Self::Interrupted, "interrupted by Ctrl-C; files written so far are valid"),
     ];
 
     /// The number that the shell sees.

@@ -1,24 +1,25 @@
-//! What the program can be told to do: one file a command.
+//! The commands of the program, one file each.
 
 mod arguments;
 pub mod bench;
 pub mod calibrate;
 pub mod check;
+pub mod client;
 pub mod demo;
 pub mod devices;
 pub mod doctor;
 mod exit;
 mod interrupt;
+pub mod measure;
 pub mod pipewire;
 mod place;
+mod print;
 mod progress;
 pub mod record;
 pub mod replay;
 pub mod run;
-mod say;
 mod settings;
 mod signals;
-pub mod talk;
 mod watch;
 
 pub use arguments::{Arguments, Command};

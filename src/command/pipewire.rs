@@ -9,7 +9,7 @@ use crate::{companion, log};
 /// Arguments of `pipewire`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Say in the log why things happen
+    /// Log debug messages
     #[arg(long)]
     debug: bool,
 }

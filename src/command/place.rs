@@ -19,12 +19,14 @@ use crate::device::{FrameSink, Output, StreamFormat, private};
 pub(super) fn all_differ(input: &Path, outputs: &[&Path]) -> Result<(), Failure> {
     for (index, output) in outputs.iter().enumerate() {
         if same(input, output) {
-            let what =
-                format!("{}: is the input; writing it would destroy what is being read. Choose another name", output.display());
+            let what = format!(
+                "{}: is also the input and would be overwritten while it is read; choose another name",
+                output.display()
+            );
             return Err(Failure::new(Exit::Usage, what));
         }
         if outputs[..index].iter().any(|other| other == output || same(other, output)) {
-            let what = format!("{}: two outputs would be written to it; choose another name for one of them", output.display());
+            let what = format!("{}: is given for two outputs; choose another name for one of them", output.display());
             return Err(Failure::new(Exit::Usage, what));
         }
     }
@@ -57,7 +59,7 @@ pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn Fr
         (_, RECORDING) => Box::new(RecordingSink::create(path, format)?),
         _ => {
             let what = format!(
-                "{}: the name does not say what to write; end it in .y4m or .{RECORDING}, or give - (y4m on standard output), \
+                "{}: unknown output format; use a name that ends in .y4m or .{RECORDING}, or - (y4m on standard output), \
                  digest: or null:",
                 path.display()
             );

@@ -8,12 +8,12 @@ use crate::frame::Frame;
 use crate::image::PictureRef;
 use crate::pipeline::Observer;
 
-/// Counts frames for somebody who watches.
+/// Shows the number of frames processed.
 #[derive(Debug)]
 pub(super) struct Progress(ProgressBar);
 
 impl Progress {
-    /// A bar for `frames` frames, a counter where their number is not known, nothing where nobody can see it.
+    /// A bar for `frames` frames, a counter where their number is not known, nothing where standard error is not a terminal.
     pub(super) fn new(what: &'static str, frames: Option<u64>) -> Self {
         let target = if stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let template = match frames {

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::check::frames_text;
 use super::interrupt::stop_on_signal;
 use super::place::RECORDING;
+use super::print::warn;
 use super::progress::Progress;
-use super::say::warn;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::recording::RecordingWriter;
 use crate::device::synthetic::{self, Synthetic};
@@ -27,19 +28,19 @@ const TRY_EVERY_NS: i64 = 1_000_000_000;
 /// Arguments of `record`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The camera: path, number or part of its name; over camera.device. synthetic: or synthetic:MOTION needs none
+    /// Camera: path, number or part of its name; overrides camera.device. "synthetic:" or "synthetic:MOTION" generates frames
     #[arg(short, long, value_name = "D")]
     device: Option<String>,
-    /// The recording to write (.gbr)
+    /// Recording to write (.gbr)
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// End after so many frames; otherwise Ctrl-C ends it
+    /// Stop after N frames; without a limit, stop with Ctrl-C
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
-    /// End when so much has been recorded (seconds)
+    /// Stop after S seconds
     #[arg(long, value_name = "S", value_parser = positive)]
     seconds: Option<f64>,
-    /// How the camera is opened
+    /// Settings for opening the camera
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -62,7 +63,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         camera.device.clone_from(device);
     }
     if args.output.extension().is_none_or(|extension| extension != RECORDING) {
-        let what = format!("{}: recordings end in .{RECORDING}; name it so", args.output.display());
+        let what = format!("{}: the name of a recording must end in .{RECORDING}", args.output.display());
         return Err(Failure::new(Exit::Usage, what));
     }
     let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
@@ -84,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             Ok(Lent::End) => break Ok(()),
             Ok(Lent::Idle) if monotonic_ns() - last_came_ns > PATIENCE.as_nanos() as i64 => {
                 let what = format!(
-                    "{}: the camera gave no frame for {} s; unplug it and try again",
+                    "{}: the camera delivered no frames for {} s; unplug it and try again",
                     camera.device,
                     PATIENCE.as_secs()
                 );
@@ -116,8 +117,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Decodes a few of the frames that are recorded, so that nobody carries home a recording of which nothing can be shown. Not all: on
-/// a slow machine that would cost frames.
+/// Decodes a few of the recorded frames, to warn early of a recording that cannot be shown. Not all: on a slow machine that would cost
+/// frames.
 #[derive(Default)]
 struct Tried {
     decoder: Decoder,
@@ -128,7 +129,7 @@ struct Tried {
 }
 
 impl Tried {
-    /// Looks at about one frame a second; at those without bytes or marked as damaged, which cost nothing, always.
+    /// Decodes about one frame per second; those without bytes or marked as damaged, which cost nothing, always.
     fn look(&mut self, frame: &RawFrame<'_>) {
         let now_ns = frame.stamp.time_ns;
         let is_free = frame.bytes.is_empty() || frame.stamp.flags.contains(FrameFlags::ERROR);
@@ -148,7 +149,7 @@ impl Tried {
     fn tell(&self, path: &Path) {
         if let Some(why) = self.unusable.in_words(self.frames) {
             let path = path.display();
-            warn(&format!("{path}: of those that were tried, {why}; gimbald check {path} tries all"));
+            warn(&format!("{path}: of the frames that were checked, {why}; `gimbald check {path}` checks all"));
         }
     }
 }
@@ -160,8 +161,8 @@ pub(super) fn synthetic(motion: &str) -> Result<Synthetic, Failure> {
     Synthetic::new(&synthetic::Params { motion, frames: 0, ..synthetic::Params::default() }).map_err(usage)
 }
 
-/// Says what was recorded.
+/// Prints what was recorded.
 fn tell(path: &Path, source: &dyn FrameSource, frames: u64) {
     let format = source.format();
-    println!("{}: {frames} frames of {}x{} {}", path.display(), format.width, format.height, format.pixel);
+    println!("{}: {} of {}x{} {}", path.display(), frames_text(frames), format.width, format.height, format.pixel);
 }

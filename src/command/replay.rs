@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
 use super::place::{ReportFile, all_differ, open_sink};
-use super::say::warn;
+use super::print::warn;
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::null::NullSink;
@@ -15,26 +15,26 @@ use crate::report::{Compare, Report, compare_format};
 /// Arguments of `replay`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Recorded stream: a y4m file, a recording (.gbr), or - for standard input
+    /// Input: a y4m file, a recording (.gbr), or - for standard input
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Where the steady stream goes: a .y4m file, a recording (.gbr), - for y4m on standard output,
-    /// digest: for a line per frame on standard output, null: for nowhere
+    /// Output: a .y4m file, a recording (.gbr), - for y4m on standard output,
+    /// digest: for one line per frame on standard output, null: for none
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// What is known of the camera, and how to stabilize
+    /// Settings of the camera and the stabilization
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Per frame, as CSV: time, homography, motion, path, inliers, confidence, outcome
+    /// Write one line per frame as CSV: time, homography, motion, path, inliers, confidence, outcome
     #[arg(long, value_name = "F.csv")]
     trace: Option<PathBuf>,
-    /// Per stage and in total, as JSON: count, median, p99 and maximum in ms; and what became of the frames
+    /// Write statistics as JSON: processing times per stage (count, median, p99, maximum in ms) and frame counts
     #[arg(long, value_name = "F.json")]
     stats: Option<PathBuf>,
-    /// One page to look at: plots of the motion before and after, frames before and after
+    /// Write an HTML report with plots and pictures, before and after
     #[arg(long, value_name = "F.html")]
     report: Option<PathBuf>,
-    /// Input and output side by side: in OUT, or with --compare=FILE in a file of its own
+    /// Write input and output side by side, to OUT, or with --compare=FILE to another file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     compare: Option<Option<PathBuf>>,
 }
@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let ran = run_inline(source.as_mut(), sink.as_mut(), &settings.pipeline, &stop, &mut watch);
     let totals = watch.end(ran)?;
     if stop.is_set() {
-        let what = format!("interrupted after {} frames; what was written holds these", totals.frames_out);
+        let what = format!("interrupted after {} frames; the output contains these", totals.frames_out);
         return Err(Failure::new(Exit::Interrupted, what));
     }
     judged(&args.input, &args.output, &totals)
@@ -87,15 +87,13 @@ fn judged(input: &Path, output: &Path, totals: &Totals) -> Result<(), Failure> {
     let input = input.display();
     if totals.cut > 0 {
         let (cut, all) = (totals.cut, totals.frames_in);
-        warn(&format!(
-            "{input}: {cut} of {all} frames are cut off; in place of what is missing of each the picture before is shown"
-        ));
+        warn(&format!("{input}: {cut} of {all} frames are cut off; the missing parts show the previous picture"));
     }
     let Some(why) = totals.unusable.in_words(totals.frames_in) else { return Ok(()) };
     if totals.damaged < totals.frames_in {
-        warn(&format!("{input}: {why}; in place of each the picture before was shown again"));
+        warn(&format!("{input}: {why}; the previous picture was repeated for each"));
         return Ok(());
     }
-    let what = format!("{input}: {why}; nothing could be shown, {} holds black pictures", output.display());
+    let what = format!("{input}: {why}; {} contains only black pictures", output.display());
     Err(Failure::new(Exit::BadData, what))
 }

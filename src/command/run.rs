@@ -15,12 +15,12 @@ use crate::{daemon, log};
 /// Arguments of `run`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// What to do, with which devices
+    /// Settings
     #[command(flatten)]
     settings: SettingsArgs,
 }
 
-/// Runs the command, until SIGTERM or Ctrl-C. SIGHUP reads the configuration anew.
+/// Runs the command, until SIGTERM or Ctrl-C. SIGHUP reloads the configuration.
 ///
 /// # Errors
 /// Faults of the configuration, and what [`daemon::run`] reports.
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
     })?;
     let daemon::ExitReport { frames, stabilized, cameras } = report;
-    tracing::info!(frames, stabilized, cameras, "ended as asked");
+    tracing::info!(frames, stabilized, cameras, "stopped");
     Ok(())
 }
 

@@ -13,10 +13,10 @@ const LARGEST: u64 = 1 << 20;
 /// Where settings come from.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct SettingsArgs {
-    /// Configuration file; without one, every key has its default
+    /// Configuration file; without it, all settings have their defaults
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One setting, over what the file says, as smooth.cutoff_hz=0.5; may be given many times
+    /// Override a setting of the file, e.g. smooth.cutoff_hz=0.5; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }
@@ -42,7 +42,7 @@ impl SettingsArgs {
             Failure::new(Exit::NoInput, format!("{}: cannot read the configuration: {error}", path.display()))
         })?;
         if !file.is_file() {
-            let what = format!("{}: is no regular file, and cannot be read a second time", path.display());
+            let what = format!("{}: not a regular file, so it cannot be reloaded", path.display());
             return Err(Failure::new(Exit::NoInput, what));
         }
         self.read()
@@ -59,11 +59,11 @@ pub(super) fn text_of(path: &Path) -> Result<String, Failure> {
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_end(&mut bytes)).map_err(no_input)?;
     if bytes.len() as u64 > LARGEST {
-        let what = format!("{shown}: more than {LARGEST} bytes: this is no configuration file; give the path of a TOML file");
+        let what = format!("{shown}: larger than {LARGEST} bytes; expected a TOML configuration file");
         return Err(Failure::new(Exit::Config, what));
     }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
-        Failure::new(Exit::Config, format!("{shown}: byte {at} is no UTF-8 text; a configuration file is TOML, saved as UTF-8"))
+        Failure::new(Exit::Config, format!("{shown}: invalid UTF-8 at byte {at}; expected a TOML file saved as UTF-8"))
     })
 }

@@ -83,9 +83,9 @@ impl Faults {
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.shown.len() + self.more;
-        write!(f, "{count} {} in the configuration", if count == 1 { "fault" } else { "faults" })?;
+        write!(f, "{count} {} in the configuration", if count == 1 { "error" } else { "errors" })?;
         if self.more > 0 {
-            write!(f, ", of which these are the first {}", self.shown.len())?;
+            write!(f, ", showing the first {}", self.shown.len())?;
         }
         f.write_str(":")?;
         self.shown.iter().try_for_each(|fault| write!(f, "\n  {fault}"))?;

@@ -1,6 +1,6 @@
 //! Settings as people write them: one table of keys, a TOML file, `--set KEY=VALUE` on top. Opens nothing.
 //!
-//! A new key is one row in [`keys::KEYS`]; the file, the shipped example, `--set`, the README's table and every message
+//! A new key is one row in [`keys::KEYS`]; the file, the shipped example, `--set`, the table in docs/configuration.md and every message
 //! follow from it.
 
 mod fault;

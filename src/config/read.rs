@@ -96,7 +96,7 @@ fn written(value: &DeValue<'_>) -> Written {
 fn retire(key: &keys::Retired, value: &Written, source: &str, origin: Origin, settings: &mut Settings) {
     if *value != Written::Text(key.harmless.to_owned()) {
         let setting = format!("{} = {}", key.name, shortened(source));
-        let what = "this key has no effect any more".to_owned();
+        let what = "this key is obsolete and has no effect".to_owned();
         settings.retired.push(Fault { origin, setting, what, advice: key.advice.to_owned() });
     }
 }
@@ -134,12 +134,12 @@ impl Problem<'_> {
             Self::NoAssignment(argument) => (
                 shortened(argument),
                 "no = between key and value".to_owned(),
-                "write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5".to_owned(),
+                "write --set KEY=VALUE, e.g. --set smooth.cutoff_hz=0.5".to_owned(),
             ),
             Self::NoSuchKey { name, source } => (setting(&name, source), "no such key".to_owned(), other_than(&name)),
             Self::Refused { key, value, source } => {
                 let default = key.shown(&Settings::default());
-                let advice = format!("choose such a value, or leave the key out for the default {default}");
+                let advice = format!("fix the value, or remove the key to use the default {default}");
                 let what = format!("expected {}, found {}", key.expected(), described(&value));
                 (setting(key.name, source), what, advice)
             }
@@ -151,7 +151,7 @@ impl Problem<'_> {
 /// What to write in place of a name that is no key's.
 fn other_than(name: &str) -> String {
     if keys::KEYS.iter().any(|key| key.section() == name) {
-        return format!("{name} is a section: write its keys below a line [{name}], or as {name}.KEY");
+        return format!("{name} is a section; write its keys below a [{name}] line, or as {name}.KEY");
     }
     if let Some(near) = keys::nearest(name) {
         return format!("did you mean {}?", near.name);

@@ -1,4 +1,4 @@
-//! The configuration file that ships, and the README's table, written from the table of keys.
+//! The shipped configuration file and the table in docs/configuration.md, generated from the table of keys.
 
 use std::fmt::Write as _;
 
@@ -8,9 +8,11 @@ use super::{Settings, keys};
 pub fn shipped_file() -> String {
     let defaults = Settings::default();
     let mut text = String::from(
-        "# Configuration of gimbald. Every key is here with its default; leave out what you do not change.\n\
-         # `gimbald check FILE` says whether a file is right. On the command line: --set smooth.cutoff_hz=0.5\n\
-         # Keys marked \"live\" can change while gimbald runs without reopening a device.\n",
+        "# Configuration of gimbald: every key with its default. Keys that you leave out keep their defaults.\n\
+         # Check a file with `gimbald check FILE`. On the command line, use --set smooth.cutoff_hz=0.5\n\
+         # Keys marked \"Live\" take effect on reload or `gimbald set`, the others after a restart.\n\
+         #\n\
+         # Generated from src/config/keys.rs by `gimbald check --defaults`: change it there.\n",
     );
     let mut section = "";
     for key in keys::KEYS {
@@ -30,7 +32,7 @@ pub fn shipped_file() -> String {
     text
 }
 
-/// The README's table of keys, as Markdown.
+/// The table of keys in docs/configuration.md, as Markdown.
 pub fn key_table() -> String {
     let defaults = Settings::default();
     let mut text = String::from("| key | default | range | meaning |\n|---|---|---|---|\n");

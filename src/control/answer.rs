@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::notices::About;
+use super::log_limiter::Subject;
 use super::{Applied, DaemonState, RefusalKind, Reply, Request, exposition};
 
 /// Does what is asked. `who` asked, for the log. [`Request::Reload`] takes as long as the configuration file does.
@@ -23,14 +23,14 @@ pub(super) fn answer(request: &Request, state: &DaemonState, who: &str) -> Reply
 fn set(state: &DaemonState, assignment: &str, who: &str) -> Reply {
     match state.set(assignment) {
         Ok(applied) => {
-            if !applied.changed.is_empty() && state.may_say(About::Change, Instant::now()) {
+            if !applied.changed.is_empty() && state.may_log(Subject::Change, Instant::now()) {
                 tracing::info!("set by {who}: {}", listed(state, &applied));
             }
             Reply::Applied(applied)
         }
         Err(error) => {
-            if state.may_say(About::Refusal, Instant::now()) {
-                tracing::warn!("refused to {who}: {error}");
+            if state.may_log(Subject::Refusal, Instant::now()) {
+                tracing::warn!("refused a request of {who}: {error}");
             }
             Reply::refused(RefusalKind::Setting, error)
         }
@@ -50,7 +50,7 @@ pub(super) mod tests {
 
     /// A state without a file.
     pub(in super::super) fn bare_state() -> DaemonState {
-        DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())))
+        DaemonState::new(Settings::default(), Systemd::disconnected(), Box::new(|| Err("there is no file".into())))
     }
 
     #[test]

@@ -21,7 +21,7 @@ const LONGEST_REPLY: u64 = 1 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// Nobody listens.
-    #[error("no gimbald listens on {path}: {source}")]
+    #[error("no daemon running at {path}: {source}")]
     Nobody {
         /// The socket.
         path: PathBuf,
@@ -30,7 +30,7 @@ pub enum ClientError {
     },
     /// One may not talk to it.
     #[error(
-        "{path}: you may not talk to this gimbald (control.mode and control.group in its configuration say who may): {source}"
+        "{path}: permission denied (access is set by control.mode and control.group in the configuration of the daemon): {source}"
     )]
     Forbidden {
         /// The socket.
@@ -39,7 +39,7 @@ pub enum ClientError {
         source: io::Error,
     },
     /// It is there and does not answer, or not as it should.
-    #[error("{path}: gimbald does not answer: {what}")]
+    #[error("{path}: the daemon does not respond: {what}")]
     Silent {
         /// The socket.
         path: PathBuf,
@@ -47,13 +47,13 @@ pub enum ClientError {
         what: String,
     },
     /// It ended the connection instead.
-    #[error("{path}: gimbald ended the connection; it may be busy with many others")]
+    #[error("{path}: the daemon closed the connection; it may be busy with other clients")]
     HungUp {
         /// The socket.
         path: PathBuf,
     },
     /// It answers what is no reply of this version.
-    #[error("{path}: gimbald answers what this program does not know: {what}; is it of another version? (gimbald doctor)")]
+    #[error("{path}: unexpected response from the daemon: {what}; it may be a different version, check with `gimbald doctor`")]
     Unknown {
         /// The socket.
         path: PathBuf,
@@ -103,7 +103,7 @@ impl Connection {
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => ClientError::HungUp { path: self.path.clone() },
             io::ErrorKind::WouldBlock => {
-                ClientError::Silent { path: self.path.clone(), what: format!("nothing for {} s", PATIENCE.as_secs()) }
+                ClientError::Silent { path: self.path.clone(), what: format!("no response for {} s", PATIENCE.as_secs()) }
             }
             _ => ClientError::Silent { path: self.path.clone(), what: error.to_string() },
         };
@@ -173,7 +173,7 @@ fn connected(path: &Path) -> Result<BufReader<UnixStream>, ClientError> {
     };
     made().map(BufReader::new).map_err(|source| match source.kind() {
         io::ErrorKind::PermissionDenied => ClientError::Forbidden { path: path.into(), source },
-        io::ErrorKind::WouldBlock => ClientError::Silent { path: path.into(), what: "it accepts no connection".into() },
+        io::ErrorKind::WouldBlock => ClientError::Silent { path: path.into(), what: "it does not accept connections".into() },
         _ => ClientError::Nobody { path: path.into(), source },
     })
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::notices::{About, Notices};
+use super::log_limiter::{LogLimiter, Subject};
 use super::reload::Reloads;
 use super::{Metrics, Status, Unusable};
 use crate::config::{Settings, keys};
@@ -25,7 +25,7 @@ pub struct DaemonState {
     configured: Mutex<Configured>,
     reread: Reread,
     pub(super) reloads: Reloads,
-    notices: Mutex<Notices>,
+    log_limiter: Mutex<LogLimiter>,
     /// What was wrong with the configuration when it was read last.
     fault: Mutex<Option<String>>,
     systemd: Systemd,
@@ -63,7 +63,7 @@ impl DaemonState {
             configured: Mutex::new(Configured { settings, restart: Vec::new() }),
             reread,
             reloads: Reloads::default(),
-            notices: Mutex::default(),
+            log_limiter: Mutex::default(),
             fault: Mutex::default(),
             systemd,
             ready: AtomicBool::new(false),
@@ -75,9 +75,16 @@ impl DaemonState {
         self.configured().settings.clone()
     }
 
-    /// The service manager was told that the service is ready.
-    pub fn set_ready(&self) {
-        self.ready.store(true, Ordering::Relaxed);
+    /// The service manager.
+    pub fn systemd(&self) -> Systemd {
+        self.systemd
+    }
+
+    /// Tells the service manager that the service is ready, the first time. One atomic load otherwise.
+    pub fn ready(&self) {
+        if !self.ready.load(Ordering::Relaxed) && !self.ready.swap(true, Ordering::Relaxed) {
+            self.systemd.ready();
+        }
     }
 
     /// Takes one `KEY=VALUE`. Lasts until the configuration is read anew.
@@ -93,7 +100,7 @@ impl DaemonState {
         })?;
         let stuck: Vec<&str> = wanted.differing(&configured.settings).filter(|key| !key.live).map(|key| key.name).collect();
         if !stuck.is_empty() {
-            let what = "cannot change while gimbald runs; write it into the configuration and restart gimbald";
+            let what = "cannot be changed at run time; set it in the configuration file and restart gimbald";
             return Err(format!("{}: {what}", stuck.join(", ")));
         }
         Ok(self.apply(&mut configured, &wanted))
@@ -133,7 +140,7 @@ impl DaemonState {
         *fault = done.as_ref().err().cloned();
         drop(fault);
         let news = aloud || done != Ok(Applied::default());
-        if new_fault || (news && self.may_say(About::Reload, Instant::now())) {
+        if new_fault || (news && self.may_log(Subject::Reload, Instant::now())) {
             say_reloaded(&done);
         }
         if ready {
@@ -167,7 +174,7 @@ impl DaemonState {
 
     /// Says what `settings` has that has no effect any more.
     pub fn warn_of_retired(&self, settings: &Settings) {
-        if !settings.retired.is_empty() && self.may_say(About::Reload, Instant::now()) {
+        if !settings.retired.is_empty() && self.may_log(Subject::Reload, Instant::now()) {
             let retired: Vec<String> = settings.retired.iter().map(ToString::to_string).collect();
             tracing::warn!("{}", retired.join("; "));
         }
@@ -197,22 +204,22 @@ impl DaemonState {
     }
 
     /// Whether a line that a client caused may go into the log now; where not, it is counted.
-    pub(super) fn may_say(&self, about: About, now: Instant) -> bool {
-        self.notices().may_say(about, now)
+    pub(super) fn may_log(&self, about: Subject, now: Instant) -> bool {
+        self.log_limiter().may_log(about, now)
     }
 
     /// Says how many lines were suppressed, when it is time.
-    pub(super) fn settle_notices(&self, now: Instant) {
-        self.notices().settle(now);
+    pub(super) fn flush_log_limiter(&self, now: Instant) {
+        self.log_limiter().flush(now);
     }
 
     /// When it is time; `None` where nothing was suppressed.
-    pub(super) fn notices_due(&self) -> Option<Instant> {
-        self.notices().deadline()
+    pub(super) fn log_limiter_due(&self) -> Option<Instant> {
+        self.log_limiter().deadline()
     }
 
-    fn notices(&self) -> MutexGuard<'_, Notices> {
-        self.notices.lock().unwrap_or_else(PoisonError::into_inner)
+    fn log_limiter(&self) -> MutexGuard<'_, LogLimiter> {
+        self.log_limiter.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -220,14 +227,14 @@ impl DaemonState {
 fn say_reloaded(done: &Result<Applied, String>) {
     match done {
         Ok(Applied { changed, restart }) => {
-            let listed = |keys: &[String]| if keys.is_empty() { "nothing".into() } else { keys.join(", ") };
+            let news = if changed.is_empty() { "no changes".into() } else { format!("changed: {}", changed.join(", ")) };
             let waiting = match restart.as_slice() {
                 [] => String::new(),
-                keys => format!("; these need a restart of gimbald, their old values count until then: {}", keys.join(", ")),
+                keys => format!("; takes effect after a restart: {}", keys.join(", ")),
             };
-            tracing::info!("configuration read again; changed: {}{waiting}", listed(changed));
+            tracing::info!("configuration reloaded, {news}{waiting}");
         }
-        Err(what) => tracing::error!("the configuration was not taken, all stays as it was: {what}"),
+        Err(what) => tracing::error!("configuration rejected, keeping the present settings: {what}"),
     }
 }
 
@@ -240,7 +247,7 @@ mod tests {
         let read = |text: &str| Settings::read(Some(("g.toml", text)), &[]).map_err(|faults| faults.to_string());
         let settings = read(&file.lock().unwrap()).unwrap();
         let file = file.clone();
-        DaemonState::new(settings, Systemd::nobody(), Box::new(move || read(&file.lock().unwrap())))
+        DaemonState::new(settings, Systemd::disconnected(), Box::new(move || read(&file.lock().unwrap())))
     }
 
     #[test]

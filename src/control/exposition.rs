@@ -50,28 +50,28 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     let labels =
         [("version", &status.version), ("camera", &camera.path), ("camera_name", &camera.name), ("output", &output.path)];
     text.value("info", &labels.map(|(label, value)| (label, value.as_str())), 1.0);
-    text.family("state", "gauge", "1 for what the daemon is at.");
+    text.family("state", "gauge", "1 for the present state.");
     for state in Phase::ALL {
         text.value("state", &[("state", state.name())], f64::from(u8::from(state.name() == status.state)));
     }
-    text.gauge("state_seconds", "For how long it has been at that.", status.since_s);
-    text.gauge("uptime_seconds", "For how long the daemon runs.", status.uptime_s);
-    text.gauge("enabled", "Whether shake is taken out.", f64::from(u8::from(status.enabled)));
+    text.gauge("state_seconds", "Seconds in the present state.", status.since_s);
+    text.gauge("uptime_seconds", "Seconds since the daemon started.", status.uptime_s);
+    text.gauge("enabled", "Whether stabilization is enabled.", f64::from(u8::from(status.enabled)));
     if let Some(watched) = status.watched {
-        text.gauge("watched", "Whether somebody watches the loopback or a PipeWire camera.", f64::from(u8::from(watched)));
+        text.gauge("watched", "Whether the loopback or a PipeWire camera has viewers.", f64::from(u8::from(watched)));
     }
     if let Some(watchers) = status.watchers {
         text.gauge(
             "watchers",
-            "How many programs watch the loopback, as far as v4l2loopback tells, and PipeWire cameras that are watched.",
+            "Viewers of the loopback, as reported by v4l2loopback, and PipeWire cameras in use.",
             f64::from(watchers),
         );
     }
-    text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
+    text.gauge("frames_per_second", "Recent frame rate of the output.", status.fps);
     let Frames { captured, sent: _, stabilized, held, passed_through } = status.frames;
-    text.count("captured_frames_total", "Frames that cameras gave.", captured);
+    text.count("captured_frames_total", "Frames captured.", captured);
     let outcomes = [("stabilized", stabilized), ("repeated", held), ("uncorrected", passed_through)];
-    text.counts("sent_frames_total", "Frames sent, by what became of them.", "outcome", &outcomes);
+    text.counts("sent_frames_total", "Frames sent, by outcome.", "outcome", &outcomes);
     let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = status.drops;
     let causes = [
         ("camera_missing", camera_missing),
@@ -80,13 +80,13 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
         ("cut", cut),
         ("behind", behind),
     ];
-    text.counts("lost_frames_total", "Frames that were not shown as they should have been, by cause.", "cause", &causes);
+    text.counts("lost_frames_total", "Frames that were not shown, or only in part, by cause.", "cause", &causes);
     let reasons = Reason::ALL.map(Reason::name).map(|name| (name, status.unusable_frames.get(name).copied().unwrap_or(0)));
-    text.counts("unusable_frames_total", "Frames that could not be used, by reason.", "reason", &reasons);
-    text.count("failed_transfers_total", "Transfers from cameras that failed.", failed_transfers);
-    text.count("stream_restarts_total", "Times a camera's stream was stopped and started because it failed.", restarts);
-    text.count("cameras_opened_total", "Times a camera was opened.", status.cameras_opened);
-    text.family("latency_seconds", "histogram", "Age of frames when they were sent.");
+    text.counts("unusable_frames_total", "Unusable frames, by reason.", "reason", &reasons);
+    text.count("failed_transfers_total", "Failed transfers from cameras.", failed_transfers);
+    text.count("stream_restarts_total", "Restarts of camera streams after failures.", restarts);
+    text.count("cameras_opened_total", "Number of times a camera was opened.", status.cameras_opened);
+    text.family("latency_seconds", "histogram", "Time from capture to output.");
     let (ages, sum_s) = metrics.ages();
     let mut below = 0;
     for (count, bound_ms) in ages.iter().zip(AGE_BOUNDS_MS) {
@@ -98,16 +98,16 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.value("latency_seconds_sum", &[], sum_s);
     text.value("latency_seconds_count", &[], all as f64);
     if let Some(spread) = status.crop_use {
-        text.gauge("crop_use_ratio", "Share of the crop window that corrections used, median of late.", spread.p50);
-        text.gauge("crop_use_max_ratio", "The same, most of late.", spread.max);
+        text.gauge("crop_use_ratio", "Share of the crop margin used by corrections, recent median.", spread.p50);
+        text.gauge("crop_use_max_ratio", "Share of the crop margin used by corrections, recent maximum.", spread.max);
     }
-    text.gauge("inliers", "Points that agreed with the camera's motion in the newest frame.", status.inliers as f64);
-    text.gauge("tracks", "Points that were followed into the newest frame.", status.tracks as f64);
-    text.gauge("confidence_ratio", "How far the newest frame's motion is believed.", status.confidence);
-    text.gauge("trust_ratio", "How far corrections are believed.", status.trust);
+    text.gauge("inliers", "Inliers among the tracked points in the newest frame.", status.inliers as f64);
+    text.gauge("tracks", "Tracked points in the newest frame.", status.tracks as f64);
+    text.gauge("confidence_ratio", "Confidence in the motion of the newest frame, 0 to 1.", status.confidence);
+    text.gauge("trust_ratio", "Weight of the correction, 0 to 1; changes slowly.", status.trust);
     if let Some(Found { readout_ms, hfov_deg, .. }) = status.found {
-        text.gauge("readout_seconds", "The camera's readout time, as believed.", readout_ms / 1e3);
-        text.gauge("field_of_view_degrees", "The camera's horizontal field of view, as believed.", hfov_deg);
+        text.gauge("readout_seconds", "Estimated or configured readout time of the camera.", readout_ms / 1e3);
+        text.gauge("field_of_view_degrees", "Estimated or configured horizontal field of view of the camera.", hfov_deg);
     }
     text.0
 }

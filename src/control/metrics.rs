@@ -225,7 +225,31 @@ impl Metrics {
         }
     }
 
-    /// What the daemon is at, with a sentence for people.
+    /// Frames sent since the daemon started, and how many of them were stabilized.
+    pub fn frames_sent(&self) -> (u64, u64) {
+        (self.sent.load(Relaxed), self.stabilized.load(Relaxed))
+    }
+
+    /// The sum of all sent frames' ages when they were sent, seconds.
+    pub fn latency_sum_s(&self) -> f64 {
+        self.age_sum_ns.load(Relaxed) as f64 * 1e-9
+    }
+
+    /// What the newest frame says of the camera; all 0 where no camera is open. Its numbers are not read as one, but they move
+    /// slowly: a few that are a frame older than the rest do no harm.
+    pub fn calibration(&self) -> Calibration {
+        let [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg] =
+            [0, 1, 2, 3].map(|i: usize| load(&self.calibration[i]));
+        Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg }
+    }
+
+    /// What the daemon is doing, with a sentence for people.
+    pub fn activity(&self) -> (Phase, String) {
+        let now = self.now();
+        (now.state, now.what.clone())
+    }
+
+    /// Sets what the daemon is doing, with a sentence for people.
     pub fn set_phase(&self, state: Phase, what: &str) {
         let mut now = self.now();
         if now.state != state {
@@ -298,12 +322,12 @@ impl Metrics {
         status.cameras_opened = of(&self.cameras);
         (status.inliers, status.tracks) = (of(&self.inliers), of(&self.tracks));
         (status.confidence, status.trust) = (load(&self.confidence), load(&self.trust));
-        let [readout_s, readout_off_s, hfov_deg, hfov_off_deg] = [0, 1, 2, 3].map(|i: usize| load(&self.calibration[i]));
+        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg } = self.calibration();
         status.found = (hfov_deg > 0.0).then_some(super::Found {
             readout_ms: 1e3 * readout_s,
-            readout_deviation_ms: 1e3 * readout_off_s,
+            readout_deviation_ms: 1e3 * readout_deviation_s,
             hfov_deg,
-            hfov_deviation_deg: hfov_off_deg,
+            hfov_deviation_deg,
         });
     }
 
@@ -319,7 +343,7 @@ impl Metrics {
 
     /// Frames within each bound of [`AGE_BOUNDS_MS`] and above, and the sum of their ages (seconds).
     pub(super) fn ages(&self) -> ([u64; AGE_BOUNDS_MS.len() + 1], f64) {
-        (std::array::from_fn(|i| self.ages[i].load(Relaxed)), self.age_sum_ns.load(Relaxed) as f64 * 1e-9)
+        (std::array::from_fn(|i| self.ages[i].load(Relaxed)), self.latency_sum_s())
     }
 }
 

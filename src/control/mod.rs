@@ -25,22 +25,21 @@
 //! ```
 //!
 //! # Limits
-//! [`Rules`] has them all. A connection may ask 20 requests a second (40 at once after a rest), a process 50, a user 100; what is asked
+//! [`Limits`] has them all. A connection may ask 20 requests a second (40 at once after a rest), a process 50, a user 100; what is asked
 //! beyond that waits, and who has asked least goes first. There are 64 places, 16 of them for root and the daemon's own user alone; a
 //! user has at most 32 and a process 16. Where they are taken, a newcomer displaces a connection of the process with most of them: one
 //! that asks too much, or the one that has been idle longest. A connection that asks nothing for a minute is ended, and so is one whose
 //! request takes more than ten seconds to arrive, or that takes its reply no faster. The log has ten lines a second about all this at
 //! most, and counts the others.
 
-mod allowance;
 mod answer;
 mod client;
 mod daemon_state;
 mod exposition;
 mod folder;
-mod ledger;
+mod log_limiter;
 mod metrics;
-mod notices;
+mod quotas;
 mod reload;
 mod reply;
 pub mod request;
@@ -48,17 +47,18 @@ mod server;
 mod session;
 mod socket;
 mod status;
+mod token_bucket;
 
-pub use allowance::Rate;
 pub use client::{ClientError, Connection};
 pub use daemon_state::{Applied, DaemonState, Reread};
-pub use ledger::Rules;
 pub use metrics::{Losses, Metrics, Phase};
+pub use quotas::Limits;
 pub use reply::{Refusal, RefusalKind, Reply};
 pub use request::{Assignment, LONGEST_REQUEST, Request, RequestError};
 pub use server::Server;
-pub use socket::{Place, default_paths};
+pub use socket::{BoundSocket, default_paths};
 pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, RejectedFormat, Spread, Status, Unusable};
+pub use token_bucket::Rate;
 
 /// Does what a client asks, and gives its reply. A door for the fuzz targets alone.
 #[cfg(feature = "fuzzing")]

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use crossbeam_channel::Sender;
 
-use super::allowance::{Allowance, Rate};
+use super::token_bucket::{Rate, TokenBucket};
 use super::{Applied, DaemonState};
 use crate::rt::notifier::Notifier;
 
@@ -35,7 +35,7 @@ struct Readings {
     busy: bool,
     /// Whether one of those who wait for the next reading has nothing but the log to learn from that nothing changed.
     aloud: bool,
-    allowance: Option<Allowance>,
+    bucket: Option<TokenBucket>,
     /// Who is told, and the notifier for it.
     listener: Option<(Sender<Reloaded>, Notifier)>,
 }
@@ -67,12 +67,12 @@ impl Reloads {
                 return None;
             }
             let now = Instant::now();
-            let allowance = readings.allowance.get_or_insert_with(|| Allowance::new(READINGS, now));
-            if allowance.try_take(now) {
+            let bucket = readings.bucket.get_or_insert_with(|| TokenBucket::new(READINGS, now));
+            if bucket.try_take(now) {
                 readings.begun = readings.asked;
                 return Some((readings.begun, std::mem::take(&mut readings.aloud)));
             }
-            let wait = allowance.wait(now);
+            let wait = bucket.wait(now);
             drop(readings);
             std::thread::sleep(wait);
         }
@@ -138,7 +138,7 @@ mod tests {
             may_go_on.recv().map_err(|_| "over".to_owned())?;
             Ok(Settings::default())
         };
-        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::disconnected(), Box::new(read)));
         let (sender, told) = unbounded();
         let wake = Notifier::new().unwrap();
         state.reloads.listen(sender, wake.clone());
@@ -168,7 +168,7 @@ mod tests {
             counted.fetch_add(1, Relaxed);
             Ok(Settings::default())
         };
-        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(read)));
+        let state = Arc::new(DaemonState::new(Settings::default(), Systemd::disconnected(), Box::new(read)));
         let begun = Instant::now();
         let mut asked = 0;
         while begun.elapsed() < Duration::from_millis(500) {

@@ -79,13 +79,13 @@ impl std::fmt::Display for Assignment {
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum RequestError {
     /// More than [`LONGEST_REQUEST`] bytes.
-    #[error("a request has at most {LONGEST_REQUEST} bytes")]
+    #[error("request too long: at most {LONGEST_REQUEST} bytes are allowed")]
     TooLong,
     /// Bytes that are not text.
-    #[error("a request is a line of UTF-8 text")]
+    #[error("invalid request: expected a line of UTF-8 text")]
     NotText,
     /// Text that is no request; says which text and what was expected.
-    #[error("not a request: {text}: {what}; the requests are: status, prometheus, on, off, set KEY=VALUE, reload")]
+    #[error("unknown request {text}: {what}; expected status, prometheus, on, off, set KEY=VALUE, reload")]
     Unknown {
         /// The beginning of what was sent.
         text: String,
@@ -132,7 +132,7 @@ impl Request {
     fn from_words(word: &str, rest: &str) -> Result<Self, String> {
         match (Self::deserialize(StrDeserializer::<Plain>::new(word)), rest) {
             (Ok(request), "") => Ok(request),
-            (Ok(_), _) => Err(format!("{word} takes nothing after it")),
+            (Ok(_), _) => Err(format!("{word} takes no arguments")),
             (Err(_), _) if word.is_empty() => Err("the line is empty".to_owned()),
             (Err(_), _) => {
                 let pair = MapDeserializer::<_, Plain>::new(std::iter::once((word, rest)));
@@ -195,18 +195,18 @@ mod tests {
         for (line, what) in [
             ("", "the line is empty"),
             ("STATUS", "\"STATUS\""),
-            ("status now", "status takes nothing after it"),
+            ("status now", "status takes no arguments"),
             ("set", "KEY=VALUE"),
             ("set crop.zoom", "KEY=VALUE"),
-            ("\"set\"", "not a request"),
+            ("\"set\"", "unknown request"),
             ("{\"set\":5}", "invalid type"),
-            ("{\"set\":\"a=b\",\"on\":null}", "not a request"),
+            ("{\"set\":\"a=b\",\"on\":null}", "unknown request"),
             ("{\"status\":", "EOF"),
             ("\"status\" \"on\"", "trailing"),
             ("{\"launch\":1}", "launch"),
         ] {
             let error = read(line).unwrap_err();
-            assert!(error.contains(what) && error.contains("the requests are: status"), "{line}: {error}");
+            assert!(error.contains(what) && error.contains("expected status"), "{line}: {error}");
         }
         assert_eq!(Request::read(b"\xff\xfe"), Err(RequestError::NotText));
         assert_eq!(Request::read(&[b'x'; LONGEST_REQUEST + 1]), Err(RequestError::TooLong));

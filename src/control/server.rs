@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, unbounded};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::allowance::Allowance;
 use super::answer::answer;
-use super::ledger::Ledger;
-use super::notices::About;
+use super::log_limiter::Subject;
+use super::quotas::Quotas;
 use super::reload::Reloaded;
 use super::session::{At, Peer, Session, dismiss};
-use super::{DaemonState, Place, RefusalKind, Reply, Request, Rules, socket};
+use super::token_bucket::TokenBucket;
+use super::{BoundSocket, DaemonState, Limits, RefusalKind, Reply, Request, socket};
 use crate::config::Control;
 use crate::rt::notifier::Notifier;
 
@@ -27,8 +27,8 @@ const ACCEPTED_AT_ONCE: usize = 16;
 /// Where clients connect.
 #[derive(Debug)]
 pub struct Server {
-    place: Place,
-    rules: Rules,
+    place: BoundSocket,
+    limits: Limits,
     /// Rings when the configuration has been read.
     reloaded: Notifier,
 }
@@ -44,31 +44,31 @@ impl Server {
         };
         let Some(path) = path else {
             tracing::info!(
-                "no control socket: there is neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR; control.socket may name one"
+                "control socket disabled: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set; set control.socket to a path to enable it"
             );
             return None;
         };
         let group = Some(settings.group.as_str()).filter(|group| *group != "own");
-        let place = Place::take(&path, settings.mode_bits(), group);
-        let server = place.and_then(|place| Self::new(place, Rules::default()).map_err(|error| error.to_string()));
+        let place = BoundSocket::take(&path, settings.mode_bits(), group);
+        let server = place.and_then(|place| Self::new(place, Limits::default()).map_err(|error| error.to_string()));
         match server {
             Ok(server) => {
                 tracing::info!("listening on {}", path.display());
                 Some(server)
             }
             Err(what) => {
-                tracing::warn!("no control socket: {what}");
+                tracing::warn!("control socket disabled: {what}");
                 None
             }
         }
     }
 
-    /// A server with rules of its own, for tests and other programs.
+    /// A server with limits of its own, for tests and other programs.
     ///
     /// # Errors
     /// Where the process has no descriptor left.
-    pub fn new(place: Place, rules: Rules) -> io::Result<Self> {
-        Ok(Self { place, rules, reloaded: Notifier::new()? })
+    pub fn new(place: BoundSocket, limits: Limits) -> io::Result<Self> {
+        Ok(Self { place, limits, reloaded: Notifier::new()? })
     }
 
     /// Answers until `done` is notified.
@@ -80,8 +80,8 @@ impl Server {
             server: self,
             state,
             reloaded,
-            ledger: Ledger::new(&self.rules, now),
-            accepted: Allowance::new(self.rules.accepted, now),
+            quotas: Quotas::new(&self.limits, now),
+            accepted: TokenBucket::new(self.limits.accepted, now),
             sessions: Vec::new(),
             resting: None,
         };
@@ -94,7 +94,7 @@ impl Server {
             serving.tell_reloaded(now);
             serving.answer(now);
             serving.end_late(now);
-            state.settle_notices(now);
+            state.flush_log_limiter(now);
         }
     }
 }
@@ -112,8 +112,8 @@ struct Serving<'a> {
     server: &'a Server,
     state: &'a Arc<DaemonState>,
     reloaded: Receiver<Reloaded>,
-    ledger: Ledger,
-    accepted: Allowance,
+    quotas: Quotas,
+    accepted: TokenBucket,
     sessions: Vec<Session>,
     /// Until when nobody is accepted.
     resting: Option<Instant>,
@@ -156,11 +156,11 @@ impl Serving<'_> {
     fn timeout(&self, now: Instant, accepts: bool) -> Option<Duration> {
         let left = |at: Instant| at.saturating_duration_since(now);
         let sessions = self.sessions.iter().filter_map(|session| match session.at() {
-            At::Ready => Some(self.ledger.wait(session, now)),
-            _ => session.patience(&self.server.rules).map(|patience| left(session.since() + patience)),
+            At::Ready => Some(self.quotas.wait(session, now)),
+            _ => session.patience(&self.server.limits).map(|patience| left(session.since() + patience)),
         });
         let accepting = if accepts { None } else { Some(self.resting.map_or_else(|| self.accepted.wait(now), left)) };
-        let soonest = sessions.chain(accepting).chain(self.state.notices_due().map(left)).min()?;
+        let soonest = sessions.chain(accepting).chain(self.state.log_limiter_due().map(left)).min()?;
         // Rounded up to what poll() counts in, so that it is over when the wait is.
         Some(if soonest.is_zero() { soonest } else { soonest + Duration::from_millis(1) })
     }
@@ -189,17 +189,17 @@ impl Serving<'_> {
             };
             self.accepted.take(now);
             let peer = Peer::of(&stream);
-            if !self.ledger.connect(peer, now) {
-                dismiss(&stream, &busy("this process connects too often"));
-                self.say(now, || tracing::warn!("refused a connection to {peer}: it connects too often"));
+            if !self.quotas.connect(peer, now) {
+                dismiss(&stream, &busy("too many connections from this process"));
+                self.say(now, || tracing::warn!("refused a connection from {peer}: too many connections"));
                 continue;
             }
-            if let Some(displaced) = self.ledger.displaced(&self.sessions, peer, now) {
+            if let Some(displaced) = self.quotas.displaced(&self.sessions, peer, now) {
                 let session = self.sessions.swap_remove(displaced);
-                session.dismiss(&busy("others are connected in its place"));
-                self.say(now, || tracing::warn!("ended a connection of {}, to have a place for {peer}", session.peer));
+                session.dismiss(&busy("the connection was closed in favour of another client"));
+                self.say(now, || tracing::warn!("closed a connection of {} to accept {peer}", session.peer));
             }
-            self.sessions.extend(Session::new(stream, peer, &self.server.rules, now));
+            self.sessions.extend(Session::new(stream, peer, &self.server.limits, now));
         }
     }
 
@@ -217,12 +217,12 @@ impl Serving<'_> {
     /// Answers one request of each session that may have one answered, the most modest first.
     fn answer(&mut self, now: Instant) {
         let mut over = Vec::new();
-        for index in self.ledger.order(&self.sessions, now) {
+        for index in self.quotas.order(&self.sessions, now) {
             let session = &mut self.sessions[index];
-            if !self.ledger.wait(session, now).is_zero() {
+            if !self.quotas.wait(session, now).is_zero() {
                 continue;
             }
-            self.ledger.charge(session, now);
+            self.quotas.charge(session, now);
             let Some(line) = session.take_line(now) else { continue };
             let stays = match Request::read(&line) {
                 Ok(Request::Reload) => {
@@ -245,19 +245,19 @@ impl Serving<'_> {
 
     /// Hangs up on those who take too long, and tells those for whom the configuration does.
     fn end_late(&mut self, now: Instant) {
-        let rules = &self.server.rules;
+        let limits = &self.server.limits;
         self.sessions.retain_mut(|session| {
-            let patience = session.patience(rules);
+            let patience = session.patience(limits);
             if patience.is_none_or(|patience| now.saturating_duration_since(session.since()) < patience) {
                 return true;
             }
-            let what = "the configuration file is still being read; it is taken when it has been, and the log says so";
+            let what = "the configuration file is still being read; it will be applied when that is done, see the log";
             session.has_awaited(u64::MAX) && session.reply(&Reply::refused(RefusalKind::Late, what), now)
         });
     }
 
     fn say(&self, now: Instant, line: impl FnOnce()) {
-        if self.state.may_say(About::Connection, now) {
+        if self.state.may_log(Subject::Connection, now) {
             line();
         }
     }

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use rustix::event::PollFlags;
 
-use super::allowance::Allowance;
-use super::{LONGEST_REQUEST, Reply, RequestError, Rules};
+use super::token_bucket::TokenBucket;
+use super::{LONGEST_REQUEST, Limits, Reply, RequestError};
 
 /// The user id that stands for every user who has none in this user namespace. With systemd's PrivateUsers= these are all but root
 /// and the service's own.
@@ -71,7 +71,7 @@ pub(super) struct Session {
     pub(super) peer: Peer,
     pub(super) trusted: bool,
     /// Requests that this connection may still have answered.
-    pub(super) allowance: Allowance,
+    pub(super) bucket: TokenBucket,
     input: Vec<u8>,
     /// Bytes of the first whole line in `input`, its end not counted.
     line: Option<usize>,
@@ -88,13 +88,13 @@ pub(super) struct Session {
 
 impl Session {
     /// A connection that was just accepted; `None` where it cannot be served without waiting.
-    pub(super) fn new(stream: UnixStream, peer: Peer, rules: &Rules, now: Instant) -> Option<Self> {
+    pub(super) fn new(stream: UnixStream, peer: Peer, limits: &Limits, now: Instant) -> Option<Self> {
         stream.set_nonblocking(true).ok()?;
         Some(Self {
             stream,
             peer,
             trusted: peer.is_trusted(),
-            allowance: Allowance::new(rules.connection, now),
+            bucket: TokenBucket::new(limits.connection, now),
             input: Vec::new(),
             line: None,
             output: Vec::new(),
@@ -136,11 +136,11 @@ impl Session {
     }
 
     /// How long it may stay at what it is at; `None` where it is not its doing.
-    pub(super) fn patience(&self, rules: &Rules) -> Option<Duration> {
+    pub(super) fn patience(&self, limits: &Limits) -> Option<Duration> {
         match self.at() {
-            At::Rest => Some(rules.idle),
-            At::Arriving | At::Giving => Some(rules.slow),
-            At::Reloading => Some(rules.reading),
+            At::Rest => Some(limits.idle),
+            At::Arriving | At::Giving => Some(limits.slow),
+            At::Reloading => Some(limits.reading),
             At::Ready => None,
         }
     }
@@ -256,7 +256,7 @@ mod tests {
     fn pair() -> (UnixStream, Session) {
         let (client, stream) = UnixStream::pair().unwrap();
         let peer = Peer::of(&stream);
-        (client, Session::new(stream, peer, &Rules::default(), Instant::now()).unwrap())
+        (client, Session::new(stream, peer, &Limits::default(), Instant::now()).unwrap())
     }
 
     #[test]
@@ -303,7 +303,7 @@ mod tests {
         session.take_line(now).unwrap();
         assert!(session.reply(&long, now) && session.at() == At::Giving);
         assert!(session.talk(now) && session.at() == At::Giving);
-        assert_eq!(session.patience(&Rules::default()), Some(Rules::default().slow));
+        assert_eq!(session.patience(&Limits::default()), Some(Limits::default().slow));
         drop(client);
         assert!(!session.talk(now));
     }

@@ -27,7 +27,7 @@ const BACKLOG: i32 = 64;
 
 /// A socket that listens; its file goes with it.
 #[derive(Debug)]
-pub struct Place {
+pub struct BoundSocket {
     pub(super) listener: UnixListener,
     path: PathBuf,
     folder: Folder,
@@ -58,7 +58,7 @@ pub(super) fn own_path(service: Option<&Path>) -> Option<PathBuf> {
     }
 }
 
-impl Place {
+impl BoundSocket {
     /// Listens at `path`, for those whom `mode` and `group` allow. A socket that a daemon of the same user left there is replaced;
     /// one on which a daemon listens, and whatever is no socket of this user, is left alone. No link is followed, in the place of
     /// the socket or of its lock (`path` and `.lock`). The socket appears under its name with its final group and mode.
@@ -66,11 +66,11 @@ impl Place {
     /// # Errors
     /// What stands in the way, and what to do.
     pub fn take(path: &Path, mode: u32, group: Option<&str>) -> Result<Self, String> {
-        let wrong = |what: String| format!("{}: {what}; give another control.socket", path.display());
+        let wrong = |what: String| format!("{}: {what}; use another control.socket", path.display());
         let cannot = |what: &'static str| move |error: io::Error| wrong(format!("cannot {what}: {error}"));
-        let name = path.file_name().ok_or_else(|| wrong("names no file".into()))?;
+        let name = path.file_name().ok_or_else(|| wrong("is not the path of a file".into()))?;
         if path.as_os_str().len() > LONGEST_PATH {
-            return Err(wrong(format!("is longer than the {LONGEST_PATH} bytes that a socket's path may have")));
+            return Err(wrong(format!("is too long, a socket path has at most {LONGEST_PATH} bytes")));
         }
         let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let folder = Folder::open(directory).map_err(cannot("open its directory"))?;
@@ -78,23 +78,23 @@ impl Place {
         lock_name.push(".lock");
         let lock = take_lock(&folder, &lock_name).map_err(|refused| match refused {
             Refused::InUse => {
-                format!("{}: another gimbald listens there; give each a control.socket of its own", path.display())
+                format!("{}: in use by another daemon; use a different control.socket for each", path.display())
             }
             Refused::Foreign(what) => format!(
-                "{}.lock: {what} is in the place of the socket's lock; remove it or give another control.socket",
+                "{}.lock: {what} is in the place of the socket's lock; remove it or use another control.socket",
                 path.display()
             ),
-            Refused::System(error) => cannot("make its lock")(error),
+            Refused::System(error) => cannot("create its lock")(error),
         })?;
-        if let Some(what) = folder.look(name).map_err(cannot("look at it"))?.and_then(|found| foreign(&found, FileType::Socket))
+        if let Some(what) = folder.look(name).map_err(cannot("inspect it"))?.and_then(|found| foreign(&found, FileType::Socket))
         {
             return Err(format!(
-                "{}: {what} is in the place of the socket; remove it or give another control.socket",
+                "{}: {what} is in the place of the socket; remove it or use another control.socket",
                 path.display()
             ));
         }
         let group = group.map(|group| Ok((group, group_id(group)?))).transpose();
-        let group = group.map_err(|name: String| format!("{name:?}: no such group; correct control.group"))?;
+        let group = group.map_err(|name: String| format!("{name:?}: no such group; fix control.group"))?;
         let prepared = Prepared::new(&folder, name).map_err(cannot("prepare it"))?;
         let listener = prepared.listen(mode, group).map_err(|refused| match refused {
             Unprepared::Group(name, error) => {
@@ -103,7 +103,7 @@ impl Place {
             }
             Unprepared::System(error) => cannot("listen there")(error),
         })?;
-        let file = prepared.move_to(name).map_err(cannot("put it there"))?;
+        let file = prepared.move_to(name).map_err(cannot("create it"))?;
         drop(prepared);
         Ok(Self { listener, path: path.into(), folder, name: name.to_owned(), file, _lock: lock })
     }
@@ -114,7 +114,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for BoundSocket {
     fn drop(&mut self) {
         if let Ok(Some(found)) = self.folder.look(&self.name)
             && identity(&found) == self.file
@@ -308,10 +308,10 @@ mod tests {
     fn a_stale_socket_is_taken_over_and_a_living_one_is_not() {
         let scratch = Scratch::new("stale");
         let path = scratch.0.join("deeper").join("s");
-        let place = Place::take(&path, 0o640, None).unwrap();
+        let place = BoundSocket::take(&path, 0o640, None).unwrap();
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o640);
         assert_eq!(fs::metadata(path.with_extension("lock")).unwrap().mode() & 0o7777, 0o600);
-        let second = Place::take(&path, 0o660, None).unwrap_err();
+        let second = BoundSocket::take(&path, 0o660, None).unwrap_err();
         assert!(second.contains("another gimbald listens"), "{second}");
         assert!(UnixStream::connect(&path).is_ok(), "the first still listens");
         drop(place);
@@ -319,7 +319,7 @@ mod tests {
         // what somebody leaves who is killed: the file without a lock
         drop(UnixListener::bind(&path).unwrap());
         assert!(UnixStream::connect(&path).is_err());
-        let place = Place::take(&path, 0o660, None).unwrap();
+        let place = BoundSocket::take(&path, 0o660, None).unwrap();
         assert!(UnixStream::connect(&path).is_ok());
         fs::remove_file(&path).unwrap();
         fs::write(&path, "another's").unwrap();
@@ -333,13 +333,13 @@ mod tests {
         let half = scratch.0.join(".s.new");
         fs::create_dir(&half).unwrap();
         drop(UnixListener::bind(half.join(PREPARED)).unwrap());
-        let place = Place::take(&scratch.0.join("s"), 0o660, None).unwrap();
+        let place = BoundSocket::take(&scratch.0.join("s"), 0o660, None).unwrap();
         assert_eq!(scratch.names(), ["s", "s.lock"]);
         drop(place);
         // but nothing is deleted that is not of it
         fs::create_dir(&half).unwrap();
         fs::write(half.join("mine"), "").unwrap();
-        let error = Place::take(&scratch.0.join("s"), 0o660, None).unwrap_err();
+        let error = BoundSocket::take(&scratch.0.join("s"), 0o660, None).unwrap_err();
         assert!(error.contains("control.socket") && half.join("mine").exists(), "{error}");
     }
 
@@ -366,7 +366,7 @@ mod tests {
             for (make, what) in made {
                 make();
                 let before = fs::symlink_metadata(&there).unwrap();
-                let took = Place::take(&path, 0o666, None);
+                let took = BoundSocket::take(&path, 0o666, None);
                 let fits = matches!((name, what.split(' ').nth(1)), ("s", Some("socket")) | ("s.lock", Some("regular")));
                 if fits {
                     drop(took.unwrap());
@@ -393,14 +393,14 @@ mod tests {
         fs::create_dir(scratch.0.join("real")).unwrap();
         symlink("real", scratch.0.join("ours")).unwrap();
         symlink("ours/../loop", scratch.0.join("loop")).unwrap();
-        let place = Place::take(&scratch.0.join("ours/s"), 0o600, None).unwrap();
+        let place = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap();
         assert!(UnixStream::connect(scratch.0.join("real/s")).is_ok(), "our own are");
         drop(place);
-        let error = Place::take(&scratch.0.join("loop/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::take(&scratch.0.join("loop/s"), 0o600, None).unwrap_err();
         assert!(error.contains("symbolic links"), "{error}");
         // where others may write, a link of ours may be exchanged for one of theirs
         fs::set_permissions(&scratch.0, fs::Permissions::from_mode(0o777)).unwrap();
-        let error = Place::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
         assert!(error.contains("\"ours\" is a symbolic link which another user"), "{error}");
         if !rustix::process::geteuid().is_root() {
             // Past the test harness, which keeps what a test prints to itself unless it fails.
@@ -409,7 +409,7 @@ mod tests {
         }
         fs::set_permissions(&scratch.0, fs::Permissions::from_mode(0o755)).unwrap();
         std::os::unix::fs::lchown(scratch.0.join("ours"), Some(12345), None).unwrap();
-        let error = Place::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
         assert!(error.contains("another user"), "{error}");
         for name in ["s", "s.lock"] {
             let there = scratch.0.join("real").join(name);
@@ -419,7 +419,7 @@ mod tests {
                 fs::write(&there, "").unwrap()
             }
             std::os::unix::fs::chown(&there, Some(12345), None).unwrap();
-            let error = Place::take(&scratch.0.join("real/s"), 0o600, None).unwrap_err();
+            let error = BoundSocket::take(&scratch.0.join("real/s"), 0o600, None).unwrap_err();
             assert!(error.contains("of another user (uid 12345) is in the place"), "{error}");
             fs::remove_file(&there).unwrap();
         }
@@ -429,16 +429,16 @@ mod tests {
     fn what_cannot_be_is_said() {
         let scratch = Scratch::new("cannot");
         let path = scratch.0.join("s");
-        let error = Place::take(&path, 0o660, Some("no-such-group-here")).unwrap_err();
+        let error = BoundSocket::take(&path, 0o660, Some("no-such-group-here")).unwrap_err();
         assert!(error.contains("control.group"), "{error}");
         assert_eq!(scratch.names(), ["s.lock"], "nothing is left of it but the lock");
         let long = scratch.0.join("x".repeat(200));
-        assert!(Place::take(&long, 0o660, None).unwrap_err().contains("107 bytes"));
-        assert!(Place::take(Path::new("/proc/gimbald/s"), 0o660, None).unwrap_err().contains("control.socket"));
-        assert!(Place::take(Path::new("/dev/null/s"), 0o660, None).unwrap_err().contains("control.socket"));
-        assert!(Place::take(Path::new("/"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::take(&long, 0o660, None).unwrap_err().contains("107 bytes"));
+        assert!(BoundSocket::take(Path::new("/proc/gimbald/s"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::take(Path::new("/dev/null/s"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::take(Path::new("/"), 0o660, None).unwrap_err().contains("control.socket"));
         let own = fs::metadata(&scratch.0).unwrap().gid().to_string();
-        assert!(Place::take(&path, 0o660, Some(&own)).is_ok());
+        assert!(BoundSocket::take(&path, 0o660, Some(&own)).is_ok());
         assert_eq!((group_id("root"), group_id("12")), (Ok(0), Ok(12)));
     }
 }

@@ -214,7 +214,7 @@ impl fmt::Display for Status {
     /// Some twenty lines for people.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut line = |name: &str, text: &str| writeln!(f, "{name:<15}{}", plain(text));
-        let on = if self.enabled { "" } else { "; switched off: `gimbald on` takes the shake out again" };
+        let on = if self.enabled { "" } else { "; stabilization is off, enable it with `gimbald on`" };
         line("state", &format!("{} for {}{on}", self.state, lasting(self.since_s)))?;
         line("", &self.what)?;
         match &self.camera {
@@ -231,33 +231,33 @@ impl fmt::Display for Status {
         }
         if let Some(watched) = self.watched {
             let by = match (watched, self.watchers) {
-                (false, _) => "by nobody".to_owned(),
+                (false, _) => "no viewers".to_owned(),
                 (true, None) => "yes".to_owned(),
-                (true, Some(1)) => "by one program".to_owned(),
-                (true, Some(count)) => format!("by up to {count} programs"),
+                (true, Some(1)) => "1 program".to_owned(),
+                (true, Some(count)) => format!("up to {count} programs"),
             };
             let open_in =
                 if self.open_in.is_empty() { String::new() } else { format!("; open in {}", self.open_in.join(", ")) };
-            line("watched", &(by + &open_in))?;
+            line("viewers", &(by + &open_in))?;
         }
-        line("rate", &format!("{:.2} frames a second", self.fps))?;
+        line("frame rate", &format!("{:.2} fps", self.fps))?;
         if let Some(Spread { p50, p99, max }) = self.latency_ms {
-            line("latency", &format!("median {p50:.1} ms, 99 % below {p99:.1} ms, at most {max:.1} ms"))?;
+            line("latency", &format!("median {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms"))?;
         }
         if let Some(Spread { p50, p99, max }) = self.work_ms {
-            line("  of it work", &format!("median {p50:.1} ms, 99 % below {p99:.1} ms, at most {max:.1} ms"))?;
+            line("  processing", &format!("median {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms"))?;
         }
         let Frames { captured, sent, stabilized, held, passed_through } = self.frames;
-        line("frames", &format!("{captured} from the camera, {sent} sent"))?;
-        line("  of them", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
+        line("frames", &format!("{captured} captured, {sent} sent"))?;
+        line("  of which", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
         let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = self.drops;
         let mut lost = String::new();
         for (count, why) in [
             (camera_missing, "missing from the camera"),
-            (camera_stale, "stale at the camera"),
+            (camera_stale, "dropped at the camera (late)"),
             (damaged, "damaged"),
-            (cut, "shown in part"),
-            (behind, "given up for a newer one"),
+            (cut, "partly shown"),
+            (behind, "dropped (late)"),
             (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
             (restarts, if restarts == 1 { "restart of the stream" } else { "restarts of the stream" }),
         ] {
@@ -265,36 +265,36 @@ impl fmt::Display for Status {
                 let _ = write!(lost, "{}{count} {why}", if lost.is_empty() { "" } else { ", " });
             }
         }
-        line("lost", if lost.is_empty() { "none" } else { &lost })?;
+        line("problems", if lost.is_empty() { "none" } else { &lost })?;
         if let Some(unusable) = &self.unusable {
             line("unusable", &unusable.what)?;
         }
         for RejectedFormat { camera, format, what } in &self.formats_left {
-            line("not used", &format!("{format} of {camera}: {what}"))?;
+            line("rejected", &format!("{format} of {camera}: {what}"))?;
         }
         if let Some(Spread { p50, max, .. }) = self.crop_use {
-            line("crop window", &format!("{:.0} % used in the median, {:.0} % at most", 100.0 * p50, 100.0 * max))?;
+            line("crop window", &format!("median {:.0} % used, max {:.0} %", 100.0 * p50, 100.0 * max))?;
         }
         line(
             "motion",
             &format!(
-                "{} of {} points agree, confidence {:.2}, trust {:.2}",
+                "{} of {} points are inliers, confidence {:.2}, trust {:.2}",
                 self.inliers, self.tracks, self.confidence, self.trust
             ),
         )?;
         if let Some(Found { readout_ms, readout_deviation_ms, hfov_deg, hfov_deviation_deg }) = self.found {
             let known = |value: f64, deviation: f64, unit: &str| match deviation {
-                0.0 => format!("{value:.1} {unit} as given"),
+                0.0 => format!("{value:.1} {unit} (configured)"),
                 _ => format!("{value:.1} ± {deviation:.1} {unit}"),
             };
             let (readout, hfov) =
                 (known(readout_ms, readout_deviation_ms, "ms"), known(hfov_deg, hfov_deviation_deg, "degrees"));
-            line("found out", &format!("readout {readout}, field of view {hfov}"))?;
+            line("calibration", &format!("readout {readout}, field of view {hfov}"))?;
         }
         if !self.restart.is_empty() {
-            line("waiting", &format!("for a restart: {}", self.restart.join(", ")))?;
+            line("restart", &format!("required to apply {}", self.restart.join(", ")))?;
         }
-        line("process", &format!("{}, version {}, for {}", self.pid, self.version, lasting(self.uptime_s)))
+        line("process", &format!("{}, version {}, running for {}", self.pid, self.version, lasting(self.uptime_s)))
     }
 }
 
@@ -325,14 +325,14 @@ mod tests {
         };
         let text = status.to_string();
         for part in [
-            "streaming for 1 h 2 min; switched off",
+            "streaming for 1 h 2 min; stabilization is off",
             "Evil [2J name",
-            "99 % below 18.5 ms",
-            "1 damaged, 3 given up for a newer one, 1 failed transfer\n",
+            "p99 18.5 ms",
+            "1 damaged, 3 dropped (late), 1 failed transfer\n",
             "unusable       1 of 9 frames cannot be decoded: x \n",
-            "not used       MJPG of C: nothing came\n",
+            "rejected       MJPG of C: nothing came\n",
             "camera.device",
-            "by one program; open in zoom (12)",
+            "1 program; open in zoom (12)",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }

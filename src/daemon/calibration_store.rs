@@ -1,4 +1,4 @@
-//! What was found out about cameras, kept across restarts in one small file that people can read and delete.
+//! Saved calibrations: what was estimated of cameras, kept across restarts in one small file that people can read and delete.
 
 mod file;
 
@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use self::file::{StateFile, Unusable};
-use crate::device::FrameSource;
-use crate::device::v4l2::Capture;
+use super::devices::LiveCamera;
 use crate::geometry::Calibration;
 use crate::pipeline::Camera;
 use crate::stage::shutter::{Known, certainty};
@@ -27,8 +26,8 @@ const DOUBT: f64 = 2.0;
 const FLOOR: (f64, f64) = (0.3, 0.5);
 /// The values that the settings accept too (ms; degrees).
 const RANGES: ((f64, f64), (f64, f64)) = ((-100.0, 100.0), (10.0, 170.0));
-const HEAD: &str = "# What gimbald found out about cameras, by camera and mode. It is read where the configuration says \"auto\".\n\
-                    # Delete the file, or a [[camera]], and it is found out anew.\n\n";
+const HEAD: &str = "# Camera calibrations estimated by gimbald, by camera and mode; used where the configuration says \"auto\".\n\
+                    # To estimate a camera again, delete its [[camera]] entry or this file.\n\n";
 
 /// A camera in one of its modes.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
@@ -96,7 +95,7 @@ struct State {
 
 impl CameraMode {
     /// The mode that a camera streams in.
-    pub(super) fn of(camera: &Capture) -> Self {
+    pub(super) fn of(camera: &dyn LiveCamera) -> Self {
         let (name, bus) = camera.name_and_bus();
         let format = camera.format();
         let fps = (100.0 * format.rate()).round() / 100.0;
@@ -139,7 +138,7 @@ impl CalibrationStore {
             match file.read().and_then(entries_of) {
                 Ok(found) => entries = found,
                 Err(what @ Unusable::Damaged(_)) => {
-                    tracing::warn!("{}: {what}; it is ignored, and replaced at the next write", file.path().display());
+                    tracing::warn!("{}: {what}; ignored, it will be overwritten", file.path().display());
                 }
                 Err(what) => tracing::warn!("{}: {what}", file.path().display()),
             }
@@ -179,7 +178,7 @@ impl CalibrationStore {
             state.entries.push(Held { used: true, ..held });
         }
         if start != camera {
-            tracing::info!(readout_ms = ?start.readout_ms, hfov_deg = ?start.hfov_deg, "this camera is known from before");
+            tracing::info!(readout_ms = ?start.readout_ms, hfov_deg = ?start.hfov_deg, "loaded saved calibration");
         }
         state.current = Some(mode);
         start
@@ -221,7 +220,7 @@ impl CalibrationStore {
             }
             // Once: it will be tried again, and nothing depends on it.
             Err(error) if !state.failed => {
-                tracing::warn!("{}: what was learned about the camera is not kept: {error}", file.path().display());
+                tracing::warn!("{}: cannot save the calibration: {error}", file.path().display());
                 state.failed = true;
             }
             Err(_) => {}
@@ -284,8 +283,7 @@ fn merge(mut kept: Vec<Entry>, ours: &[Held]) -> Vec<Entry> {
 fn entries_of(text: Option<String>) -> Result<Vec<Entry>, Unusable> {
     let Some(text) = text else { return Ok(Vec::new()) };
     let damaged = |what: String| Unusable::Damaged(what);
-    let mut content: Content =
-        toml::from_str(&text).map_err(|error| damaged(format!("is not as gimbald writes it: {}", error.message())))?;
+    let mut content: Content = toml::from_str(&text).map_err(|error| damaged(format!("invalid: {}", error.message())))?;
     for entry in &content.camera {
         let fits = entry.readout_ms.is_none_or(|value| value.fits(RANGES.0))
             && entry.hfov_deg.is_none_or(|value| value.fits(RANGES.1));
@@ -365,7 +363,7 @@ mod tests {
         store.record(&SURE);
         assert_eq!(scratch.text(), "", "not before its time");
         store.end(&SURE);
-        assert!(scratch.text().starts_with("# What gimbald"), "{}", scratch.text());
+        assert!(scratch.text().starts_with("# Camera calibrations"), "{}", scratch.text());
 
         let store = CalibrationStore::open(Some(scratch.path()));
         let start = store.begin(mode("A \"quoted\" name"), Camera::default());
@@ -502,7 +500,7 @@ mod tests {
         assert_eq!(scratch.text(), "another's");
         fs::remove_file(scratch.path().join(NAME)).unwrap();
         store.end(&SURE);
-        assert!(!store.state().failed && scratch.text().starts_with("# What gimbald"), "tried again at the next end");
+        assert!(!store.state().failed && scratch.text().starts_with("# Camera calibrations"), "tried again at the next end");
     }
 
     #[test]

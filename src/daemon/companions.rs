@@ -14,16 +14,16 @@ pub(super) fn open(settings: &Settings) -> Option<Server> {
         return None;
     }
     let Some(directory) = directory(&settings.control.socket, Systemd::runtime_directory(), user_directory()) else {
-        tracing::info!("no pictures for PipeWire: there is neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR");
+        tracing::info!("PipeWire output disabled: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
         return None;
     };
     match Server::open(&directory) {
         Ok(server) => {
-            tracing::info!("pictures for PipeWire companions at {}", server.path().display());
+            tracing::info!("listening for PipeWire companions at {}", server.path().display());
             Some(server)
         }
         Err(what) => {
-            tracing::warn!("no pictures for PipeWire: {what}");
+            tracing::warn!("PipeWire output disabled: {what}");
             None
         }
     }

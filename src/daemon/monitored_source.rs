@@ -108,7 +108,7 @@ impl MonitoredSource<'_> {
     /// Tells what the daemon is at, and what is wrong with it.
     fn tell(&self) {
         let what = match &self.notes {
-            Notes { silent: true, .. } => format!("{}; no frame comes", self.what),
+            Notes { silent: true, .. } => format!("{}; no frames received", self.what),
             Notes { none_usable: Some(words), .. } => format!("{}; {words}", self.what),
             _ => self.what.clone(),
         };
@@ -133,7 +133,7 @@ impl MonitoredSource<'_> {
         let cut = all - *notes.cut.get_or_insert(all);
         if cut > notes.cut_logged && notes.cuts.is_due(now_ns) {
             notes.cut_logged = cut;
-            tracing::warn!("{cut} of {frames} frames are cut off; in place of what is missing the picture before is shown");
+            tracing::warn!("{cut} of {frames} frames are cut off; the missing parts show the previous picture");
         }
     }
 
@@ -144,7 +144,7 @@ impl MonitoredSource<'_> {
             (notes.usable, notes.usable_ns) = (usable, now_ns);
             if notes.none_usable.take().is_some() {
                 (notes.logged, notes.first_ns) = (unusable, None);
-                tracing::info!("the camera's frames can be used again; {unusable} of {frames} could not");
+                tracing::info!("frames are usable again; {unusable} of {frames} were not");
                 self.tell();
             }
         }
@@ -176,7 +176,7 @@ impl MonitoredSource<'_> {
     /// Restarts the stream, as [`Step::Restart`] wants it.
     fn restart(&mut self, now_ns: i64) -> Result<(), DeviceError> {
         if self.notes.restarts.is_due(now_ns) {
-            tracing::warn!("no frame can be used: the stream is restarted");
+            tracing::warn!("no usable frames: restarting the stream");
         }
         self.camera.restart()
     }
@@ -315,8 +315,8 @@ mod tests {
         let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::Yuyv, (1, 30));
         let bytes = vec![128; format.frame_bytes().unwrap()];
         let mut camera = Fake { format, clock: clock.1, bytes, given: 0, is_whole, ends_at, restarts: Vec::new() };
-        let state = DaemonState::new(Settings::default(), Systemd::nobody(), Box::new(|| Err("there is no file".into())));
-        let heartbeat = Heartbeat::new(Systemd::nobody(), &state);
+        let state = DaemonState::new(Settings::default(), Systemd::disconnected(), Box::new(|| Err("there is no file".into())));
+        let heartbeat = Heartbeat::new(&state);
         let mut recovery = Recovery::new();
         recovery.begin(clock.0(), true, false);
         let mut sink = Wall { inner: NullSink::new(&format), placeholders: 0 };
@@ -382,7 +382,7 @@ mod tests {
         static CLOCK: AtomicI64 = AtomicI64::new(1_000_000_000);
         let silent = run((|| CLOCK.load(Relaxed), &CLOCK), |n| (n < 60).then_some(true), 300);
         assert_eq!((silent.step, silent.restarts.len()), (Step::GoOn, 0), "its capture restarts it");
-        assert_eq!((silent.status.what.as_str(), silent.status.unusable), ("a to b; no frame comes", None));
+        assert_eq!((silent.status.what.as_str(), silent.status.unusable), ("a to b; no frames received", None));
         let back = run((|| CLOCK.load(Relaxed), &CLOCK), |n| (!(60..240).contains(&n)).then_some(true), 300);
         assert_eq!(back.status.what, "a to b");
     }

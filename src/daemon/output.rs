@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use super::viewers::ViewerMonitor;
+use super::devices::Output;
+use super::viewers::{ViewerMonitor, ViewerStatus};
 use crate::config::Settings;
+use crate::control::OutputInfo;
 use crate::device::v4l2::{Loopback, LoopbackParams};
 use crate::device::{DeviceError, FrameSink, StreamFormat, placeholder};
 use crate::frame::Stamp;
@@ -22,9 +24,9 @@ const BRIDGE_NS: i64 = 1_000_000_000;
 #[derive(Debug)]
 pub(super) struct LiveOutput {
     // Before the loopback: its thread listens there.
-    pub(super) viewer_monitor: ViewerMonitor,
+    viewer_monitor: ViewerMonitor,
     /// `None` where there is none and PipeWire does without.
-    pub(super) loopback: Option<Loopback>,
+    loopback: Option<Loopback>,
     companions: Option<(Companions, Outlet)>,
     format: StreamFormat,
     /// Drawn into where there is no loopback.
@@ -78,52 +80,6 @@ impl LiveOutput {
         Ok(Self { viewer_monitor, loopback, companions, format: given, canvas, placeholder, live_ns: monotonic_ns() })
     }
 
-    /// Whether the picture that the camera gives in `format` belongs on this output: it has its size, or those who watch hold that.
-    pub(super) fn suits(&self, format: &StreamFormat) -> bool {
-        let companions = self.companions.as_ref().map(|(companions, _)| companions);
-        let wanted = size_for(format, companions);
-        let held = companions.is_some_and(|companions| companions.held_size() == Some((self.format.width, self.format.height)));
-        (self.format.width, self.format.height) == wanted || held || self.viewer_monitor.status().at_loopback() > 0
-    }
-
-    /// Its names for people: the loopback's path, PipeWire.
-    pub(super) fn name(&self) -> String {
-        match (&self.loopback, &self.companions) {
-            (Some(loopback), Some((companions, _))) if companions.connected() > 0 => {
-                format!("{} and PipeWire", loopback.path().display())
-            }
-            (Some(loopback), _) => loopback.path().display().to_string(),
-            (None, _) => "PipeWire".into(),
-        }
-    }
-
-    /// Puts the placeholder into every buffer: nothing of what the camera saw is left for who comes next.
-    ///
-    /// # Errors
-    /// As [`FrameSink::submit`].
-    pub(super) fn clear(&mut self) -> Result<(), DeviceError> {
-        self.live_ns = i64::MIN;
-        let buffers = self.loopback.as_ref().map_or(0, Loopback::buffers);
-        (0..=buffers).try_for_each(|_| self.show_placeholder())
-    }
-
-    /// Once it was cleared, and until something else is sent: shows the same, as of now.
-    ///
-    /// # Errors
-    /// As [`FrameSink::submit`].
-    pub(super) fn rest(&mut self) -> Result<(), DeviceError> {
-        self.loopback.as_mut().map_or(Ok(()), Loopback::renew)
-    }
-
-    /// The end: who watches the loopback may wait for the next start of a service, and keeps the picture until then, if `resumes`.
-    pub(super) fn leave(mut self, resumes: bool) {
-        match &mut self.loopback {
-            Some(loopback) if resumes && self.viewer_monitor.status().at_loopback() > 0 => loopback.hand_over(),
-            // What is left behind in the device is not what the camera saw.
-            _ => drop(self.clear()),
-        }
-    }
-
     /// Companions show their own, the same.
     fn show_placeholder(&mut self) -> Result<(), DeviceError> {
         let Some(loopback) = &mut self.loopback else { return Ok(()) };
@@ -167,6 +123,59 @@ impl FrameSink for LiveOutput {
             return self.show_placeholder();
         }
         self.loopback.as_mut().map_or(Ok(()), Loopback::repeat)
+    }
+}
+
+impl Output for LiveOutput {
+    fn viewers(&self) -> &ViewerStatus {
+        self.viewer_monitor.status()
+    }
+
+    /// Its size is the camera's, or viewers hold it.
+    fn suits(&self, format: &StreamFormat) -> bool {
+        let companions = self.companions.as_ref().map(|(companions, _)| companions);
+        let wanted = size_for(format, companions);
+        let held = companions.is_some_and(|companions| companions.held_size() == Some((self.format.width, self.format.height)));
+        (self.format.width, self.format.height) == wanted || held || self.viewers().at_loopback() > 0
+    }
+
+    fn name(&self) -> String {
+        match (&self.loopback, &self.companions) {
+            (Some(loopback), Some((companions, _))) if companions.connected() > 0 => {
+                format!("{} and PipeWire", loopback.path().display())
+            }
+            (Some(loopback), _) => loopback.path().display().to_string(),
+            (None, _) => "PipeWire".into(),
+        }
+    }
+
+    fn has_loopback(&self) -> bool {
+        self.loopback.is_some()
+    }
+
+    /// Every buffer gets the placeholder: nothing of what the camera saw is left for the next viewer.
+    fn clear(&mut self) -> Result<(), DeviceError> {
+        self.live_ns = i64::MIN;
+        let buffers = self.loopback.as_ref().map_or(0, Loopback::buffers);
+        (0..=buffers).try_for_each(|_| self.show_placeholder())
+    }
+
+    fn refresh(&mut self) -> Result<(), DeviceError> {
+        self.loopback.as_mut().map_or(Ok(()), Loopback::renew)
+    }
+
+    fn close(mut self: Box<Self>, resumes: bool) {
+        match &mut self.loopback {
+            Some(loopback) if resumes && self.viewer_monitor.status().at_loopback() > 0 => loopback.hand_over(),
+            // What is left behind in the device is not what the camera saw.
+            _ => drop(self.clear()),
+        }
+    }
+
+    fn info(&self) -> OutputInfo {
+        let StreamFormat { pixel, width, height, .. } = self.format;
+        let path = self.loopback.as_ref().map_or_else(|| self.name(), |loopback| loopback.path().display().to_string());
+        OutputInfo { path, format: pixel.to_string(), width, height }
     }
 }
 

@@ -54,7 +54,7 @@ impl ViewerMonitor {
         if let (Some(path), Some(false)) = (loopback, viewers.as_ref().map(Viewers::are_told)) {
             tracing::info!(
                 loopback = %path.display(),
-                "this v4l2loopback is older than 0.13 and does not tell who watches: whoever holds it open counts"
+                "v4l2loopback before 0.13 does not report viewers: every program that has the device open counts as one"
             );
         }
         if let Some(companions) = companions {
@@ -96,7 +96,7 @@ impl ViewerEvents {
                 Ok(count) => count,
                 Err(error) => {
                     // Whoever writes to the device will find out what is wrong with it.
-                    tracing::warn!(%error, "cannot tell any more who watches; the camera stays open");
+                    tracing::warn!(%error, "cannot detect viewers any more, keeping the camera open");
                     known.set(1, 0, true, wake);
                     return;
                 }
@@ -143,7 +143,7 @@ impl ViewerStatus {
         self.0.wanted.load(Relaxed)
     }
 
-    fn set(&self, loopback: u32, companions: u32, wanted: bool, wake: &Notifier) {
+    pub(super) fn set(&self, loopback: u32, companions: u32, wanted: bool, wake: &Notifier) {
         let before = self.any();
         self.0.loopback.store(loopback, Relaxed);
         self.0.companions.store(companions, Relaxed);

@@ -19,7 +19,7 @@ pub fn create(path: &Path) -> io::Result<File> {
     }
     let mode = there.mode() & 0o777;
     if there.uid() != rustix::process::geteuid().as_raw() && !rustix::process::geteuid().is_root() {
-        let what = "it belongs to another user, who could read what is written; choose another name or remove it";
+        let what = "the file belongs to another user, who could read the output; choose another name or remove it";
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, what));
     }
     if mode & 0o077 != 0 {

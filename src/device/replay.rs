@@ -46,7 +46,7 @@ fn looks_like(begin: &[u8]) -> &'static str {
     } else if at(0, b"\x89GBR") || at(0, b"YUV4") {
         "its first bytes are those of a damaged recording or y4m file"
     } else {
-        "it is neither y4m nor a recording"
+        "it is neither a y4m file nor a recording"
     }
 }
 

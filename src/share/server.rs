@@ -184,7 +184,7 @@ impl Server {
         listen(&listener, 16).map_err(io::Error::from).map_err(told("listen there"))?;
         // Who may have pictures is not told by the file's mode but by the proof.
         fs::set_permissions(&fresh, Permissions::from_mode(0o666)).map_err(told("set its mode"))?;
-        let there = fs::symlink_metadata(&fresh).map_err(told("look at it"))?;
+        let there = fs::symlink_metadata(&fresh).map_err(told("inspect it"))?;
         fs::rename(&fresh, &path).map_err(told("give it its name"))?;
         let companions = Companions::new().map_err(told("make an event descriptor"))?;
         Ok(Self { listener, path, file: (there.dev(), there.ino()), companions })

@@ -5,13 +5,13 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
 use gimbald::command::Exit;
-use gimbald::control::{Applied, Connection, LONGEST_REQUEST, Phase, RefusalKind, Reply, Request, Rules};
+use gimbald::control::{Applied, Connection, LONGEST_REQUEST, Limits, Phase, RefusalKind, Reply, Request};
 
 use crate::rig::{Scratch, reply, said, served};
 
 #[test]
 fn the_program_asks_and_changes() {
-    served("program", Rules::default(), |scratch, state| {
+    served("program", Limits::default(), |scratch, state| {
         state.metrics.set_phase(Phase::Waiting, "for the camera");
         let text = said(&scratch.gimbald(&["status"]));
         assert!(text.starts_with("state          waiting for 0 s\n               for the camera\n"), "{text}");
@@ -37,12 +37,12 @@ fn the_program_asks_and_changes() {
 
 #[test]
 fn the_program_has_the_configuration_read_again() {
-    served("reload", Rules::default(), |scratch, state| {
+    served("reload", Limits::default(), |scratch, state| {
         assert_eq!(said(&scratch.gimbald(&["set", "crop.zoom=1.3", "smooth.mode=iir"])).lines().count(), 2);
         std::fs::write(scratch.config(), "[smooth]\nstrength = 0.5\n[camera]\nfps = 15").unwrap();
         let reloaded = said(&scratch.gimbald(&["reload"]));
         assert!(reloaded.contains("changed: smooth.mode, smooth.strength, crop.zoom\n"), "{reloaded}");
-        assert!(reloaded.contains("need a restart") && reloaded.contains("camera.fps"), "{reloaded}");
+        assert!(reloaded.contains("takes effect after a restart") && reloaded.contains("camera.fps"), "{reloaded}");
         std::fs::write(scratch.config(), "[smooth]\nstrength = 7").unwrap();
         let refused = scratch.gimbald(&["reload"]);
         assert_eq!(refused.status.code(), Some(Exit::Config.code().into()));
@@ -57,12 +57,12 @@ fn where_nobody_listens_that_is_said() {
     let output = scratch.gimbald(&["status"]);
     assert_eq!(output.status.code(), Some(Exit::Unavailable.code().into()));
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(text.contains("no gimbald listens") && text.contains("is it running?"), "{text}");
+    assert!(text.contains("no daemon running") && text.contains("start it with"), "{text}");
 }
 
 #[test]
 fn who_sees_enough_may_go() {
-    served("enough", Rules::default(), |scratch, _| {
+    served("enough", Limits::default(), |scratch, _| {
         let script = format!(
             "set -o pipefail; '{0}' status --socket '{1}' --watch=0.1 | head -n 1 >/dev/null && '{0}' check --keys | head -n 1",
             env!("CARGO_BIN_EXE_gimbald"),
@@ -76,7 +76,7 @@ fn who_sees_enough_may_go() {
 /// Every request in words and as JSON, and what comes back as the typed client reads it.
 #[test]
 fn every_request_has_its_typed_reply() {
-    served("typed", Rules::default(), |scratch, _| {
+    served("typed", Limits::default(), |scratch, _| {
         let stream = scratch.connect();
         let mut client = Connection::open(&scratch.socket()).unwrap();
         let changed = |keys: &[&str]| Applied { changed: keys.iter().map(|key| (*key).to_owned()).collect(), restart: vec![] };
@@ -108,7 +108,7 @@ fn every_request_has_its_typed_reply() {
 
 #[test]
 fn what_is_no_request_is_named_and_the_connection_goes_on() {
-    served("unknown", Rules::default(), |scratch, _| {
+    served("unknown", Limits::default(), |scratch, _| {
         let stream = scratch.connect();
         for (line, kind, what) in [
             ("launch", RefusalKind::Request, "unknown variant `launch`"),
@@ -136,7 +136,7 @@ fn what_is_no_request_is_named_and_the_connection_goes_on() {
 
 #[test]
 fn many_lines_at_once_have_their_answers_in_order() {
-    served("lines", Rules::default(), |scratch, state| {
+    served("lines", Limits::default(), |scratch, state| {
         let mut stream = scratch.connect();
         stream.write_all(b"off\non\nset crop.zoom=1.5\r\nno such thing\n\xff\nreload\nset crop.zoom=1.4\nstatus\n").unwrap();
         // and says no more: what was asked is answered all the same
@@ -155,7 +155,7 @@ fn many_lines_at_once_have_their_answers_in_order() {
 
 #[test]
 fn too_long_a_line_is_refused_and_hung_up_on() {
-    served("long", Rules::default(), |scratch, _| {
+    served("long", Limits::default(), |scratch, _| {
         let mut stream = scratch.connect();
         let longest = format!("set a={}\n", "b".repeat(LONGEST_REQUEST - 6));
         stream.write_all(longest.as_bytes()).unwrap();
@@ -172,7 +172,7 @@ fn the_status_goes_into_a_file_that_is_never_old() {
     let path = Scratch::new("file");
     let file = path.0.join("gimbald.prom");
     let arguments = ["status", "--prometheus", "--output", file.to_str().unwrap()];
-    served("output", Rules::default(), |scratch, _| {
+    served("output", Limits::default(), |scratch, _| {
         std::fs::write(&file, "old").unwrap();
         assert_eq!(said(&scratch.gimbald(&arguments)), "");
         let text = std::fs::read_to_string(&file).unwrap();

@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 
 use gimbald::command::Exit;
 use gimbald::config::Settings;
-use gimbald::control::{Connection, Rate, RefusalKind, Reply, Rules};
+use gimbald::control::{Connection, Limits, Rate, RefusalKind, Reply};
 use rustix::process::Uid;
 
 use crate::rig::{LONG, Scratch, reply, said, served, served_with, skipped};
 
-/// Rules under which nothing but the number of places decides.
-fn patient() -> Rules {
+/// Limits under which nothing but the number of places decides.
+fn patient() -> Limits {
     let without_end = Rate { per_second: 1e6, burst: 1e6 };
-    Rules { idle: 10 * LONG, slow: 10 * LONG, process: without_end, user: without_end, ..Rules::default() }
+    Limits { idle: 10 * LONG, slow: 10 * LONG, process: without_end, user: without_end, ..Limits::default() }
 }
 
 /// Whether the daemon has hung up; what it said before is passed over.
@@ -73,7 +73,7 @@ fn bad_company_keeps_nobody_waiting() {
 /// Sixteen connections of one process ask without end; programs of the same user are answered, and the sixteen get their share.
 #[test]
 fn a_flood_leaves_others_their_turn() {
-    served("flood", Rules::default(), |scratch, _| {
+    served("flood", Limits::default(), |scratch, _| {
         let over = AtomicBool::new(false);
         let answered = AtomicUsize::new(0);
         let begun = Instant::now();
@@ -88,13 +88,13 @@ fn a_flood_leaves_others_their_turn() {
             }
             for _ in 0..10 {
                 assert!(said(&scratch.gimbald(&["status"])).contains("state "));
-                assert_eq!(said(&scratch.gimbald(&["reload"])), "read again; nothing changed\n");
+                assert_eq!(said(&scratch.gimbald(&["reload"])), "reloaded, no changes\n");
             }
             over.store(true, Relaxed);
             begun.elapsed().as_secs_f64()
         });
         // what is answered later than that is more time, not more a second
-        let Rate { per_second, burst } = Rules::default().process;
+        let Rate { per_second, burst } = Limits::default().process;
         let most = burst + per_second * (elapsed + begun.elapsed().as_secs_f64());
         let answered = answered.load(Relaxed) as f64;
         assert!(answered <= most, "{answered} answers in {elapsed} s");
@@ -121,8 +121,8 @@ fn flood(stream: &UnixStream, line: &[u8], over: &AtomicBool, answered: &AtomicU
 
 #[test]
 fn who_asks_without_end_waits_for_his_answers_and_gets_them_all() {
-    let rules = Rules { connection: Rate { per_second: 20.0, burst: 20.0 }, ..patient() };
-    served("pace", rules, |scratch, _| {
+    let limits = Limits { connection: Rate { per_second: 20.0, burst: 20.0 }, ..patient() };
+    served("pace", limits, |scratch, _| {
         let stream = scratch.connect();
         let begun = Instant::now();
         for _ in 0..3 {
@@ -165,8 +165,8 @@ fn places_are_kept_for_root_and_the_own_user() {
     }
     let read = || Ok(Settings::default());
     // The process limit would count here as well: all these users have one process.
-    let rules = Rules { per_process: 64, ..patient() };
-    served_with(scratch, 0o666, rules, Box::new(read), |scratch, _| {
+    let limits = Limits { per_process: 64, ..patient() };
+    served_with(scratch, 0o666, limits, Box::new(read), |scratch, _| {
         std::fs::set_permissions(&scratch.0, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
         let others: Vec<UnixStream> =
             (0..48).map(|n| connect_as(scratch, 20_000 + n / 16).expect("root may be anybody")).collect();
@@ -208,8 +208,8 @@ fn users_have_their_own_shares() {
         return skipped("shares of several users: only root can connect as others");
     }
     let slow = Rate { per_second: 1e-3, burst: 5.0 };
-    let rules = Rules { user: slow, others: Rate { burst: 8.0, ..slow }, ..patient() };
-    served_with(scratch, 0o666, rules, Box::new(|| Ok(Settings::default())), |scratch, _| {
+    let limits = Limits { user: slow, others: Rate { burst: 8.0, ..slow }, ..patient() };
+    served_with(scratch, 0o666, limits, Box::new(|| Ok(Settings::default())), |scratch, _| {
         let [alice, bob, root] = [20_001, 20_002, 0].map(|uid| connect_as(scratch, uid).unwrap());
         let answers = |mut stream: &UnixStream, count: usize| {
             stream.write_all(&b"status\n".repeat(20)).unwrap();
@@ -227,7 +227,7 @@ fn users_have_their_own_shares() {
 /// One who connects again and again is refused at last, in words, and others of his user are not.
 #[test]
 fn who_connects_without_end_is_told_to_wait() {
-    served("churn", Rules::default(), |scratch, _| {
+    served("churn", Limits::default(), |scratch, _| {
         let over = Arc::new(AtomicBool::new(false));
         let (path, ends) = (scratch.socket(), over.clone());
         let (first_refusal, refused) = mpsc::channel();
@@ -255,8 +255,8 @@ fn who_connects_without_end_is_told_to_wait() {
 
 #[test]
 fn slow_ones_are_hung_up_on() {
-    let rules = Rules { slow: Duration::from_millis(300), idle: 10 * LONG, ..Rules::default() };
-    served("slow", rules, |scratch, _| {
+    let limits = Limits { slow: Duration::from_millis(300), idle: 10 * LONG, ..Limits::default() };
+    served("slow", limits, |scratch, _| {
         // half a request, and now and then a byte more
         let mut loris = scratch.connect();
         let begun = Instant::now();
@@ -281,7 +281,7 @@ fn slow_ones_are_hung_up_on() {
 
 #[test]
 fn patience_ends() {
-    served("patience", Rules { idle: Duration::from_millis(50), ..Rules::default() }, |scratch, _| {
+    served("patience", Limits { idle: Duration::from_millis(50), ..Limits::default() }, |scratch, _| {
         assert!(hung_up(&scratch.connect()));
         // the typed client connects again, be it after a day
         let mut connection = Connection::open(&scratch.socket()).unwrap();
@@ -299,8 +299,8 @@ fn a_slow_file_keeps_nobody_waiting() {
         may_go_on.lock().unwrap().recv_timeout(LONG).map_err(|error| error.to_string())?;
         Ok(Settings::default())
     };
-    let rules = Rules { reading: Duration::from_millis(300), ..Rules::default() };
-    served_with(Scratch::new("reading"), 0o600, rules, Box::new(read), |scratch, _| {
+    let limits = Limits { reading: Duration::from_millis(300), ..Limits::default() };
+    served_with(Scratch::new("reading"), 0o600, limits, Box::new(read), |scratch, _| {
         let waiting = scratch.connect();
         (&waiting).write_all(b"reload\nstatus\n").unwrap();
         assert!(said(&scratch.gimbald(&["status"])).contains("state "));

@@ -55,6 +55,6 @@ fn a_second_daemon_leaves_the_first_its_socket() {
     let first = Daemon::listening("second");
     let socket = first.scratch.socket().display().to_string();
     let second = Daemon::start(Scratch::new("second-b"), "", &["--set", &format!("control.socket={socket}")]);
-    second.until_logged("another gimbald listens there");
+    second.until_logged("in use by another daemon");
     assert!(said(&first.scratch.gimbald(&["status"])).contains("state "));
 }

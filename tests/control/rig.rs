@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gimbald::config::Settings;
-use gimbald::control::{DaemonState, Place, Reply, Reread, Rules, Server};
+use gimbald::control::{BoundSocket, DaemonState, Limits, Reply, Reread, Server};
 use gimbald::rt::notifier::Notifier;
 use gimbald::systemd::Systemd;
 
@@ -80,7 +80,7 @@ impl Drop for NotifyOnDrop {
 }
 
 /// Serves a daemon state whose configuration is [`Scratch::config`], while `act` runs.
-pub fn served(name: &str, rules: Rules, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
+pub fn served(name: &str, limits: Limits, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
     let scratch = Scratch::new(name);
     let file = scratch.config();
     std::fs::write(&file, "").unwrap();
@@ -88,14 +88,14 @@ pub fn served(name: &str, rules: Rules, act: impl FnOnce(&Scratch, &Arc<DaemonSt
         let text = std::fs::read_to_string(&file).map_err(|error| error.to_string())?;
         Settings::read(Some(("gimbald.toml", &text)), &[]).map_err(|faults| faults.to_string())
     };
-    served_with(scratch, 0o600, rules, Box::new(read), act);
+    served_with(scratch, 0o600, limits, Box::new(read), act);
 }
 
 /// The same with all there is to choose.
-pub fn served_with(scratch: Scratch, mode: u32, rules: Rules, read: Reread, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
-    let state = Arc::new(DaemonState::new(Settings::default(), Systemd::nobody(), read));
-    let place = Place::take(&scratch.socket(), mode, None).unwrap();
-    let server = Server::new(place, rules).unwrap();
+pub fn served_with(scratch: Scratch, mode: u32, limits: Limits, read: Reread, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
+    let state = Arc::new(DaemonState::new(Settings::default(), Systemd::disconnected(), read));
+    let place = BoundSocket::take(&scratch.socket(), mode, None).unwrap();
+    let server = Server::new(place, limits).unwrap();
     let done = Notifier::new().unwrap();
     std::thread::scope(|scope| {
         let _notify = NotifyOnDrop(done.clone());

@@ -67,7 +67,7 @@ with Reader(out) as reader:
 report.check("it ends well", daemon.stop() == 0)
 said = daemon.said()
 closed = re.findall(r"camera closed: (.*)", said)[-1]
-totals = re.findall(r"the stream ended: (.*)", said)[-1]
+totals = re.findall(r"stream ended: (.*)", said)[-1]
 sent = re.findall(r"loopback closed.*sent=(\d+) dropped=(\d+)", said)
 report.say(f"      camera: {closed}")
 report.say(f"      pipeline: {totals}")
@@ -78,7 +78,7 @@ report.say(f"      reader: {count} frames in {seconds:.1f} s ({count / seconds:.
            f"{missing} by the driver's count", [f"{lost} at {at:.1f} s" for at, lost in gaps[:20]])
 # Until the pipeline has its memory, nobody takes the camera's frames: all its buffers but one go unseen once, before the first picture.
 unseen = max(0, counted(closed, "stale") - 5)
-lost = unseen + counted(totals, "given up") + int(sent[-1][1])
+lost = unseen + counted(totals, "dropped") + int(sent[-1][1])
 report.check(f"{lost} frames lost that the camera delivered", lost == 0)
 report.check(f"{overtaken} pictures replaced in the loopback before the reader took them", overtaken == 0)
 report.check(f"order kept: {backwards} times back, {dark} pictures dark", backwards == 0 and dark == 0)

@@ -20,7 +20,7 @@ const STARTS: [f64; 7] = [0.75, 0.4, 0.15, 0.0, -0.15, -0.4, -0.75];
 const SPREAD: (f64, f64) = (0.25, 15.0);
 /// Distance at which a track stops counting against an answer, about (pixels).
 const SCALE_PX: f64 = 0.5;
-/// Times an answer is taken for a start again, at most; fewer where it moves by less than [`SETTLED`] of its deviation.
+/// Maximum number of refinements of an answer; fewer where it moves by less than [`SETTLED`] of its deviation.
 const ROUNDS: usize = 5;
 const SETTLED: f64 = 0.1;
 

@@ -1,4 +1,4 @@
-//! What was found, how bad it is, and the command that mends it.
+//! A finding of `gimbald doctor`: what was found, its severity, and the suggested fix.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ pub struct Finding {
     pub about: &'static str,
     /// What was found.
     pub what: String,
-    /// What mends it: a command, or where there is none a sentence. Empty where nothing is to be mended.
+    /// The suggested fix: a command, or where there is none a sentence. Empty where nothing needs to be fixed.
     pub mend: String,
 }
 

@@ -17,7 +17,7 @@ const EXAMPLES: &str = "/usr/share/doc/gimbald/examples/wireplumber";
 struct Seen {
     /// The library's version, or what is missing.
     library: Option<Result<String, String>>,
-    /// Whether the user's PipeWire runs; `None` where nobody is logged in here (as with sudo).
+    /// Whether the user's PipeWire runs; `None` without a login session (as with sudo).
     runs: Option<bool>,
     /// What `systemctl --user is-active` says of the companion; `None` where there is no such manager.
     unit: Option<String>,
@@ -57,10 +57,10 @@ fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<F
     match seen.runs {
         None => {
             return vec![note(
-                "PipeWire runs in a user's session: run gimbald doctor there, without sudo, to look at it".into(),
+                "PipeWire runs in a user's session; to check it, run `gimbald doctor` there, without sudo".into(),
             )];
         }
-        Some(false) => return vec![note("PipeWire does not run in this session: there is no PipeWire camera here".into())],
+        Some(false) => return vec![note("PipeWire is not running in this session, so there is no PipeWire camera".into())],
         Some(true) => {}
     }
     let node = match instance {
@@ -71,22 +71,25 @@ fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<F
     let mut findings = Vec::new();
     let is_there = nodes.iter().any(|props| props["node.name"] == node.as_str());
     match (is_there, seen.objects.is_some(), seen.unit.as_deref()) {
-        (true, ..) => findings.push(Finding::good("pipewire", format!("the camera {node} is there (PipeWire {version})"))),
+        (true, ..) => findings.push(Finding::good("pipewire", format!("the camera {node} is available (PipeWire {version})"))),
         (false, false, Some("active")) => {
-            findings.push(Finding::good("pipewire", format!("{UNIT} runs (PipeWire {version}); pw-dump would tell more")));
+            findings.push(Finding::good(
+                "pipewire",
+                format!("{UNIT} is running (PipeWire {version}); install pw-dump for more details"),
+            ));
         }
         (false, true, Some("active")) => {
-            let what = format!("{UNIT} runs, but PipeWire has no camera {node}");
+            let what = format!("{UNIT} is running, but PipeWire has no camera {node}");
             findings.push(Finding::advice("pipewire", what, format!("journalctl --user -u {UNIT} -n 30")));
         }
         (false, ..) => {
-            let what = format!("PipeWire runs, but no companion offers the camera {node}");
+            let what = format!("PipeWire is running, but no companion offers the camera {node}");
             findings.push(Finding::advice("pipewire", what, format!("systemctl --user enable --now {UNIT}")));
         }
     }
     if is_there {
         findings.push(note(
-            "browsers: Chromium takes PipeWire cameras with --enable-features=WebRtcPipeWireCamera (chrome://flags), Firefox with \
+            "browsers: Chromium supports PipeWire cameras with --enable-features=WebRtcPipeWireCamera (chrome://flags), Firefox with \
              media.webrtc.camera.allow-pipewire = true (about:config; some distributions set it)"
                 .into(),
         ));
@@ -94,10 +97,10 @@ fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<F
     if let (Some(loopback), Some(_)) = (loopback, &seen.objects) {
         let twin = nodes.iter().any(|props| props["api.v4l2.path"].as_str().is_some_and(|path| Path::new(path) == loopback));
         findings.push(note(if twin {
-            format!("PipeWire also lists the loopback {}; rules in {EXAMPLES} hide it, and the real camera", loopback.display())
+            format!("PipeWire also lists the loopback {}; the rules in {EXAMPLES} hide it, and the real camera", loopback.display())
         } else {
             format!(
-                "PipeWire does not list the loopback {}: WirePlumber came before it had a writer. If a program wants it through \
+                "PipeWire does not list the loopback {}: WirePlumber started before it had a writer. If a program needs it through \
                  PipeWire: systemctl --user restart wireplumber",
                 loopback.display()
             )
@@ -144,7 +147,7 @@ mod tests {
         for (seen, part) in [
             (Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() }, "install libpipewire"),
             (Seen { runs: None, ..seen.clone() }, "without sudo"),
-            (Seen { runs: Some(false), ..seen.clone() }, "does not run"),
+            (Seen { runs: Some(false), ..seen.clone() }, "is not running"),
         ] {
             let findings = judge(&seen);
             assert!(findings.len() == 1 && findings[0].severity == Severity::Note, "{findings:?}");

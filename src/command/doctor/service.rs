@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use super::finding::Finding;
-use crate::command::talk::Whom;
+use crate::command::client::Target;
 use crate::control::{RejectedFormat, Status, Unusable};
 use crate::pipeline::Reason;
 
@@ -23,7 +23,7 @@ pub(super) fn shown(unit: &str) -> Option<String> {
 /// What that means.
 pub(super) fn judged(unit: &str, shown: Option<&str>) -> Finding {
     let Some(shown) = shown else {
-        return Finding::note("service", "there is no systemd here; gimbald run --config FILE does the same in a terminal");
+        return Finding::note("service", "systemd is not available; run `gimbald run --config FILE` in a terminal instead");
     };
     let of = |name: &str| {
         let line = shown.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
@@ -31,27 +31,30 @@ pub(super) fn judged(unit: &str, shown: Option<&str>) -> Finding {
     };
     let (active, status) = (of("ActiveState"), of("StatusText"));
     match (of("LoadState").as_str(), active.as_str()) {
-        ("not-found", _) => Finding::note("service", format!("{unit} is not installed; gimbald may run by hand")),
+        ("not-found", _) => {
+            Finding::note("service", format!("{unit} is not installed; run `gimbald run` in a terminal instead"))
+        }
         ("masked", _) => Finding::advice("service", format!("{unit} is masked"), format!("sudo systemctl unmask {unit}")),
         (_, "active" | "reloading") => {
             let restarts = of("NRestarts");
             let often =
                 if restarts.is_empty() || restarts == "0" { String::new() } else { format!(", restarted {restarts} times") };
-            let what = format!("{unit} runs{often}: {status}");
+            let what = format!("{unit} is running{often}: {status}");
             if of("UnitFileState") == "disabled" {
                 let mend = format!("sudo systemctl enable {unit}");
-                return Finding::advice("service", format!("{what}; it does not start with the machine"), mend);
+                return Finding::advice("service", format!("{what}; it is not started at boot"), mend);
             }
             Finding::good("service", what)
         }
-        (_, "activating") => Finding::note("service", format!("{unit} starts: {status}")),
+        (_, "activating") => Finding::note("service", format!("{unit} is starting: {status}")),
         (_, "failed") => {
-            let mend = format!("journalctl -u {unit} -n 30; when that is mended: sudo systemctl restart {unit}");
+            let mend =
+                format!("check the log with `journalctl -u {unit} -n 30`; when that is fixed: sudo systemctl restart {unit}");
             Finding::fault("service", format!("{unit} failed ({})", of("Result")), mend)
         }
         (load, active) => Finding::advice(
             "service",
-            format!("{unit} does not run ({load}, {active})"),
+            format!("{unit} is not running ({load}, {active})"),
             format!("sudo systemctl enable --now {unit}"),
         ),
     }
@@ -64,8 +67,8 @@ pub(super) fn frames(status: &Status) -> Vec<Finding> {
     if let Some(Unusable { frames, of, reason, what }) = &status.unusable {
         let elsewhere = match (Reason::ALL.into_iter().find(|known| known.name() == reason), configured) {
             (Some(Reason::Size | Reason::Unsupported), _) => "choose another camera.format, or camera.width and camera.height",
-            (_, "\"auto\"") => "try another cable, another socket (no hub), or fewer devices at the same one",
-            _ => "camera.format = \"auto\" tries the camera's other formats; else try another cable or socket (no hub)",
+            (_, "\"auto\"") => "try another cable, another port (no hub), or fewer devices on the same bus",
+            _ => "set camera.format = \"auto\" to try the camera's other formats; or try another cable or port (no hub)",
         };
         findings.push(match () {
             () if frames == of => Finding::fault("frames", what, elsewhere),
@@ -74,34 +77,36 @@ pub(super) fn frames(status: &Status) -> Vec<Finding> {
         });
     }
     if status.camera.is_some() && status.state == "streaming" && status.fps == 0.0 && status.since_s > SETTLED_S {
-        let mend = "unplug the camera and plug it in again; journalctl -u gimbald -n 30 says what was tried";
-        findings.push(Finding::fault("frames", "the camera is open and gives no frame", mend));
+        let mend = "unplug the camera and plug it in again; `journalctl -u gimbald -n 30` shows what was tried";
+        findings.push(Finding::fault("frames", "the camera is open but delivers no frames", mend));
     }
     for RejectedFormat { camera, format, what } in &status.formats_left {
-        let what = format!("{format} of {camera} is not used: {what}");
-        let mend =
-            format!("where that is over: sudo systemctl restart gimbald; else set camera.format to another than {format}");
+        let what = format!("{format} of {camera} was rejected: {what}");
+        let mend = format!(
+            "once the cause is fixed: sudo systemctl restart gimbald; otherwise set camera.format to another format than {format}"
+        );
         findings.push(Finding::advice("frames", what, mend));
     }
     findings
 }
 
 /// What the daemon says of itself; with its status where it answers.
-pub(super) fn asked(whom: &Whom) -> (Finding, Option<Status>) {
-    match whom.connect().and_then(|mut connection| Ok(connection.status()?)) {
+pub(super) fn asked(target: &Target) -> (Finding, Option<Status>) {
+    match target.connect().and_then(|mut connection| Ok(connection.status()?)) {
         Ok(status) => {
-            let mut what = format!("answers: {}, {}", status.state, status.what);
+            let mut what = format!("running: {}, {}", status.state, status.what);
             if status.fps > 0.0 {
-                what += &format!(", {:.1} frames a second", status.fps);
+                what += &format!(", {:.1} fps", status.fps);
             }
             let finding = match (status.restart.as_slice(), status.version.as_str()) {
                 (_, version) if version != env!("CARGO_PKG_VERSION") => {
-                    let what = format!("the daemon is version {version}, this program {}", env!("CARGO_PKG_VERSION"));
+                    let what =
+                        format!("the daemon is version {version}, this program is version {}", env!("CARGO_PKG_VERSION"));
                     Finding::advice("daemon", what, "sudo systemctl restart gimbald")
                 }
                 ([], _) => Finding::good("daemon", what),
                 (keys, _) => {
-                    let what = format!("{what}\nwaits for a restart to take {}", keys.join(", "));
+                    let what = format!("{what}\nneeds a restart to apply {}", keys.join(", "));
                     Finding::advice("daemon", what, "sudo systemctl restart gimbald")
                 }
             };
@@ -135,11 +140,11 @@ mod tests {
         assert_eq!(judged(1, 3000, Reason::Marked, "\"auto\"").severity, Severity::Note);
         let left = RejectedFormat { camera: "C".into(), format: "mjpeg".into(), what: "why".into() };
         let status = Status { formats_left: vec![left], ..Status::default() };
-        assert!(frames_of(&status)[0].to_string().contains("mjpeg of C is not used: why"));
+        assert!(frames_of(&status)[0].to_string().contains("mjpeg of C was rejected: why"));
         assert_eq!(frames_of(&Status::default()), []);
         let silent =
             Status { camera: Some(CameraInfo::default()), state: "streaming".into(), since_s: 9.0, ..Status::default() };
-        assert!(frames_of(&silent)[0].what.contains("gives no frame"));
+        assert!(frames_of(&silent)[0].what.contains("delivers no frames"));
         assert_eq!(frames_of(&Status { fps: 30.0, ..silent.clone() }), []);
         assert_eq!(frames_of(&Status { since_s: 1.0, ..silent }), [], "it was just opened");
     }
@@ -156,8 +161,8 @@ mod tests {
             (Some(show("loaded", "inactive", "disabled", "0")), Severity::Advice, "enable --now g"),
             (Some(show("loaded", "failed", "enabled", "10")), Severity::Fault, "journalctl -u g"),
             (Some(show("not-found", "inactive", "", "")), Severity::Note, "not installed"),
-            (Some(String::new()), Severity::Advice, "does not run"),
-            (None, Severity::Note, "no systemd"),
+            (Some(String::new()), Severity::Advice, "is not running"),
+            (None, Severity::Note, "systemd is not available"),
         ] {
             let finding = judged("g", shown.as_deref());
             assert_eq!(finding.severity, severity, "{finding}");

@@ -55,17 +55,17 @@ fn all_faults_are_named_at_once_with_line_value_range_and_unit() {
         lines,
         [
             "g.toml:2: smooth.cutof_hz = 1: no such key; did you mean smooth.cutoff_hz?",
-            "g.toml:3: smooth.cutoff_hz = 50: expected a number from 0.05 to 10 (Hz), found 50; choose such a value, or leave the \
-             key out for the default 0.6",
-            "g.toml:6: fit.form = 3: expected one of \"constrained\", \"general\", found 3; choose such a value, or leave the key \
-             out for the default \"constrained\"",
-            "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2, or \"auto\" (ratio), found an array; choose such a value, or \
-             leave the key out for the default 1.1",
-            "g.toml:10: track.window = 10: expected a whole number from 8 to 24 in steps of 8 (pixels), found 10; choose such a value, or \
-             leave the key out for the default 16",
-            "--set: crop.zoom = nan: expected a number from 1 to 2, or \"auto\" (ratio), found NaN; choose such a value, or leave \
-             the key out for the default 1.1",
-            "--set: nonsense: no = between key and value; write --set KEY=VALUE, as --set smooth.cutoff_hz=0.5",
+            "g.toml:3: smooth.cutoff_hz = 50: expected a number from 0.05 to 10 (Hz), found 50; fix the value, or remove the key to use the \
+             default 0.6",
+            "g.toml:6: fit.form = 3: expected one of \"constrained\", \"general\", found 3; fix the value, or remove the key to use \
+             the default \"constrained\"",
+            "g.toml:8: crop.zoom = [1]: expected a number from 1 to 2, or \"auto\" (ratio), found an array; fix the value, or remove \
+             the key to use the default 1.1",
+            "g.toml:10: track.window = 10: expected a whole number from 8 to 24 in steps of 8 (pixels), found 10; fix the value, or remove \
+             the key to use the default 16",
+            "--set: crop.zoom = nan: expected a number from 1 to 2, or \"auto\" (ratio), found NaN; fix the value, or remove the \
+             key to use the default 1.1",
+            "--set: nonsense: no = between key and value; write --set KEY=VALUE, e.g. --set smooth.cutoff_hz=0.5",
         ]
     );
 }
@@ -82,7 +82,7 @@ fn of_many_faults_the_first_are_described_and_the_rest_counted() {
         assert!(faults.shown.len() <= MOST_SHOWN && message.len() < 20_000, "{}: {}", faults.shown.len(), message.len());
         if let Some(count) = count {
             assert_eq!((faults.shown.len(), faults.more), (MOST_SHOWN, count - MOST_SHOWN), "{}", &message[..400]);
-            assert!(message.starts_with(&format!("{count} faults in the configuration, of which these are the first 50:\n")));
+            assert!(message.starts_with(&format!("{count} errors in the configuration, showing the first 50:\n")));
             assert!(message.ends_with(&format!("\n  and {} more", count - 50)));
         }
         let lines: Vec<usize> = faults.shown.iter().map(|fault| line(&fault.origin)).collect();

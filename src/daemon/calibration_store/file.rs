@@ -69,9 +69,9 @@ impl StateFile {
         let mut bytes = Vec::new();
         file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(refused)?;
         if bytes.len() as u64 > LARGEST {
-            return Err(Unusable::Damaged(format!("has more than {LARGEST} bytes: gimbald did not write it")));
+            return Err(Unusable::Damaged(format!("larger than {LARGEST} bytes, not written by gimbald")));
         }
-        let text = String::from_utf8(bytes).map_err(|_| Unusable::Damaged("is not text: gimbald did not write it".into()))?;
+        let text = String::from_utf8(bytes).map_err(|_| Unusable::Damaged("invalid UTF-8, not written by gimbald".into()))?;
         Ok(Some(text))
     }
 
@@ -138,7 +138,7 @@ fn regular(kind: FileType) -> Result<(), Unusable> {
         kind if kind.is_socket() => "a socket",
         _ => "a device",
     };
-    Err(Unusable::Refused(format!("is {what}, not a regular file; remove it. Until then nothing is kept")))
+    Err(Unusable::Refused(format!("is {what}, not a regular file; remove it. Calibrations are not saved until then")))
 }
 
 #[cfg(test)]

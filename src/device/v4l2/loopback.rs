@@ -15,6 +15,7 @@ use super::enumerate::LOOPBACK_DRIVER;
 use super::find::candidates;
 use super::node::{Direction, Node, wish};
 use super::queue::Queue;
+use super::version::{self, LoopbackVersion};
 use crate::frame::Stamp;
 use crate::image::{Colour, Picture, PictureMut, PictureRef, PixelFormat, RawLayout, Sampling};
 use crate::kernel::{Level, convert::pack};
@@ -23,9 +24,6 @@ use crate::rt::clock::monotonic_ns;
 /// v4l2loopback's control `keep_format`: readers wait for a writer that went away instead of losing the device, and the format
 /// stays locked. It outlives the program that set it.
 const KEEP_FORMAT: u32 = 0x0098_f900;
-
-/// The module's version, where it tells.
-const VERSION: &str = "/sys/module/v4l2loopback/version";
 
 /// Which device, and what to send to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -325,16 +323,10 @@ fn check_output(node: &Node) -> Result<bool, DeviceError> {
     Ok(was_kept)
 }
 
-/// Whether this is a v4l2loopback older than 0.15, of whose buffers [`Queue::take_next`] tells. Modules that do not tell their version
-/// are older than 0.13.
+/// Whether this is a v4l2loopback older than 0.15, whose buffers have to be used in turn ([`Queue::take_next`]).
 fn takes_turns(node: &Node) -> bool {
     node.identity().is_ok_and(|identity| identity.driver == LOOPBACK_DRIVER)
-        && std::fs::read_to_string(VERSION).map_or(true, |version| is_older_than_0_15(&version))
-}
-
-fn is_older_than_0_15(version: &str) -> bool {
-    let mut numbers = version.trim().split('.').map(|number| number.parse::<u32>().unwrap_or(0));
-    (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) < (0, 15)
+        && LoopbackVersion::parse(&std::fs::read_to_string(version::FILE).unwrap_or_default()) < LoopbackVersion::ANY_BUFFER
 }
 
 /// Sets the control, where there is one: the module's older relatives work without.
@@ -401,12 +393,6 @@ fn planar<'a>(format: &StreamFormat, bytes: &'a mut [u8]) -> Option<PictureMut<'
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn old_modules_are_known_by_their_version() {
-        let known = ["0.12.7", "0.13.2\n", "0.15.0\n", "0.15.4", "1.0.0", ""].map(is_older_than_0_15);
-        assert_eq!(known, [true, true, false, false, false, true]);
-    }
 
     #[test]
     fn what_cannot_be_is_said_before_anything_is_opened() {

@@ -1,7 +1,7 @@
 //! Real devices: V4L2 cameras and v4l2loopback.
 //!
-//! The only part of the device floor with `unsafe`: `node` (ioctls), `create` (one more) and `queue` (memory shared with the driver). Everything else
-//! here uses those two safely.
+//! The only part of the device floor with `unsafe`: `node` and `create` (ioctls), and `queue` (memory shared with the driver). Everything
+//! else here uses these three safely.
 
 mod again;
 mod capture;
@@ -20,6 +20,7 @@ mod sighting;
 mod stall;
 mod timeline;
 mod transfers;
+mod version;
 mod viewers;
 
 pub use again::{Known, Next, There};
@@ -31,8 +32,19 @@ pub use loopback::{Loopback, LoopbackParams};
 pub use mode::{Intervals, Mode, Sizes, Wish, choose};
 pub use node::Direction;
 pub use sighting::{Device, Roots, Sighting, Usb};
+pub use version::LoopbackVersion;
 pub use viewers::Viewers;
 
-/// What to do where there is no loopback device.
-const LOAD_LOOPBACK: &str = "load v4l2loopback: `sudo modprobe v4l2loopback exclusive_caps=1 card_label=gimbald` \
-    (package v4l2loopback-dkms)";
+/// Loads v4l2loopback with what gimbald needs: `exclusive_caps` so that browsers recognize a camera, `max_buffers` so that a slow reader
+/// gets whole frames. A macro, so that other texts can contain it.
+macro_rules! load_command {
+    () => {
+        "sudo modprobe v4l2loopback exclusive_caps=1 max_buffers=8 card_label=gimbald"
+    };
+}
+
+/// The command that loads v4l2loopback for gimbald.
+pub const LOAD_COMMAND: &str = load_command!();
+
+/// What to do if there is no loopback device.
+const LOAD_LOOPBACK: &str = concat!("load v4l2loopback: `", load_command!(), "` (package v4l2loopback-dkms)");

@@ -170,8 +170,8 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
         return;
     }
     html.push_str(
-        "<h2>The camera, as it was found out</h2>\n<p>Readout time and field of view follow from footage that moves. The outer lines \
-         are the interval in which the truth nearly always lies; they are drawn once it is narrow enough to be of interest.</p>\n",
+        "<h2>Calibration</h2>\n<p>Readout time and field of view, as estimated from the motion. The outer lines \
+         are two standard deviations apart from the estimate; they are drawn once they are close enough to be useful.</p>\n",
     );
     let readout = |part: f64| {
         move |s: &Sample| band(s, certainty::readout(&s.calibration, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
@@ -185,13 +185,13 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
         line("", "third", &readout(1.0)),
         line("readout time", "after", &known(|c| 1e3 * c.readout_s)),
     ];
-    html.push_str(&plot("Readout time", "negative: from bottom to top".into(), "ms", series, None).figure());
+    html.push_str(&plot("Readout time", "negative: bottom to top".into(), "ms", series, None).figure());
     let series = vec![
         line("interval", "third", &hfov(-1.0)),
         line("", "third", &hfov(1.0)),
         line("field of view", "after", &known(|c| c.hfov_deg)),
     ];
-    html.push_str(&plot("Field of view", "from left to right".into(), "deg", series, None).figure());
+    html.push_str(&plot("Field of view", "horizontal".into(), "deg", series, None).figure());
 }
 
 /// An edge of an estimate's interval, where that is narrow enough.

@@ -20,8 +20,8 @@ fn readout(report: &Report) -> String {
     let found = report.samples.iter().rev().map(|sample| sample.calibration).find(|camera| camera.hfov_deg > 0.0);
     match (report.settings.pipeline.camera.readout_ms, found) {
         (Known::Exactly(ms), _) => format!("a readout of {ms} ms"),
-        (_, Some(camera)) => format!("a readout that it found to take {:.1} ms", 1e3 * camera.readout_s),
-        (_, None) => "a readout that nobody told it".into(),
+        (_, Some(camera)) => format!("an estimated readout of {:.1} ms", 1e3 * camera.readout_s),
+        (_, None) => "an unknown readout".into(),
     }
 }
 
@@ -85,18 +85,17 @@ fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, time
             let note = format!("{} to {} {}", number(before), number(after), names.unit);
             // A letter says nothing by itself; a word says more than a phrase.
             let name = if names.name.len() > 1 { names.name } else { names.meaning };
-            fact(&format!("shake left, {name}"), format!("{:.0} %", 100.0 * after / before), note);
+            fact(&format!("remaining shake, {name}"), format!("{:.0} %", 100.0 * after / before), note);
         }
     }
     let most = report.samples.iter().map(|sample| sample.crop_use).filter(|share| share.is_finite()).fold(0.0, f64::max);
-    fact("crop window used", format!("{:.0} %", 100.0 * most), "at most; 100 % is its edge".into());
+    fact("crop margin used", format!("{:.0} %", 100.0 * most), "maximum; 100 % reaches the edge".into());
     let rest = format!("{} held, {} passed through", totals.held, totals.passed_through);
     fact("frames stabilized", totals.stabilized.to_string(), rest);
     let total = stats.total();
-    fact("time for a frame", format!("{:.2} ms", total.median_ms), format!("median; 99 % within {:.2} ms", total.p99_ms));
+    fact("processing time per frame", format!("{:.2} ms", total.median_ms), format!("median; p99 {:.2} ms", total.p99_ms));
     html.push_str(
-        "</dl>\n<p>What is left of the shake is what the model itself sees; motion that it does not know is not in \
-         these numbers.</p>\n",
+        "</dl>\n<p>The remaining shake is measured by the model itself; motion that it does not model is not included.</p>\n",
     );
 }
 
@@ -133,7 +132,7 @@ fn path(html: &mut String, report: &Report, times: &[f64]) {
     let names = report.names;
     let _ = writeln!(
         html,
-        "<h2>Path</h2>\n<p>The motions one after the other: where the camera went ({}), and where the virtual camera went ({}).</p>",
+        "<h2>Path</h2>\n<p>The sum of the motions: the path of the camera ({}), and of the virtual camera ({}).</p>",
         names.path, names.smoothed
     );
     for (axis, axis_names) in names.axes.iter().enumerate() {
@@ -156,7 +155,7 @@ fn path(html: &mut String, report: &Report, times: &[f64]) {
 
 /// How much of the crop window was used, and how far the motion was believed.
 fn trust(html: &mut String, report: &Report, times: &[f64]) {
-    html.push_str("<h2>Crop window and trust</h2>\n");
+    html.push_str("<h2>Crop margin and trust</h2>\n");
     let one = |label: &str, class: &'static str, of: fn(&Sample) -> f64| Series {
         label: label.into(),
         class,
@@ -172,15 +171,14 @@ fn trust(html: &mut String, report: &Report, times: &[f64]) {
         least: Some(least),
     };
     let crop = vec![one("used", "after", |s| s.crop_use)];
-    let note = "share of the margin that the correction takes";
+    let note = "share of the margin that the correction uses";
     html.push_str(&plot("Crop window", note, crop, Some((1.0, "edge of the picture")), (0.0, 1.0)).figure());
-    let points = vec![one("followed", "third", |s| f64::from(s.tracks)), one("agree", "after", |s| f64::from(s.inliers))];
+    let points = vec![one("tracked", "third", |s| f64::from(s.tracks)), one("inliers", "after", |s| f64::from(s.inliers))];
     html.push_str(
-        &plot("Points", "followed from the frame before, and those that agree on one motion", points, None, (0.0, 1.0))
-            .figure(),
+        &plot("Points", "tracked from the previous frame, and inliers of the motion", points, None, (0.0, 1.0)).figure(),
     );
     let belief = vec![one("confidence", "third", |s| s.confidence), one("trust", "after", |s| s.trust)];
-    let note = "confidence in each frame's motion, and the trust with which it is corrected";
+    let note = "confidence in each frame's motion, and the weight of the correction";
     html.push_str(&plot("Confidence", note, belief, None, (0.0, 1.0)).figure());
     strip(html, report, times);
 }
@@ -224,14 +222,14 @@ fn strip(html: &mut String, report: &Report, times: &[f64]) {
 
 /// What it cost.
 fn cost(html: &mut String, report: &Report, stats: &Stats, times: &[f64]) {
-    html.push_str("<h2>Time</h2>\n");
+    html.push_str("<h2>Processing time</h2>\n");
     let plot = Plot {
-        title: "Time for a frame".into(),
-        note: "all stages together".into(),
+        title: "Time per frame".into(),
+        note: "sum of all stages".into(),
         unit: "ms",
         times,
         series: vec![Series {
-            label: "spent".into(),
+            label: "time".into(),
             class: "after",
             values: report.samples.iter().map(|sample| sample.spent_ms).collect(),
         }],
@@ -240,7 +238,7 @@ fn cost(html: &mut String, report: &Report, stats: &Stats, times: &[f64]) {
     };
     html.push_str(&plot.figure());
     html.push_str(
-        "<div class=wide><table><tr><th>stage<th class=n>frames<th class=n>median ms<th class=n>99 % ms<th class=n>most ms<th>median</tr>\n",
+        "<div class=wide><table><tr><th>stage<th class=n>frames<th class=n>median ms<th class=n>p99 ms<th class=n>max ms<th>median</tr>\n",
     );
     let stages = Stage::ALL.map(|stage| (stage.name(), stats.stage(stage)));
     let widest = stages.iter().map(|(_, times)| times.median_ms).fold(1e-9, f64::max);
@@ -259,7 +257,7 @@ fn cost(html: &mut String, report: &Report, stats: &Stats, times: &[f64]) {
 /// Every setting, those that are not the default in bold.
 fn settings(html: &mut String, settings: &Settings) {
     let defaults = Settings::default();
-    html.push_str("<h2>Settings</h2>\n<p>What differs from the default is bold.</p>\n<div class=wide><table>\n");
+    html.push_str("<h2>Settings</h2>\n<p>Values that differ from the default are bold.</p>\n<div class=wide><table>\n");
     html.push_str("<tr><th>key<th>value<th>default<th>unit</tr>\n");
     for key in keys::KEYS {
         let (value, default) = (key.shown(settings), key.shown(&defaults));

@@ -119,7 +119,7 @@ impl Stills {
         let mut html = String::new();
         if let Some(laid) = &self.best {
             let note = format!(
-                "{LAID} frames in a row laid over each other, from {:.2} s on, where the camera shook most. What stands still is sharp.",
+                "{LAID} consecutive frames laid over each other, from {:.2} s on, where the camera shook most. Parts that do not move are sharp.",
                 time_of(laid.first)
             );
             html.push_str(&pair_html("Frames laid over each other", &note, "pair", self.images(&laid.means())));
@@ -130,11 +130,11 @@ impl Stills {
                     .map(|part| grey_img(part, alt))
                     .unwrap_or_default()
             };
-            let note = "The middle column of each frame, side by side: time runs to the right. A picture that stands still draws level lines.";
+            let note =
+                "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
             let images = [slice(&self.columns[0], "before"), slice(&self.columns[1], "after")];
             html.push_str(&pair_html("Up and down over time", note, "pair slice", images));
-            let note =
-                "The middle row of each frame, turned upright: time runs to the right, the picture's left is at the top.";
+            let note = "The middle row of each frame, rotated: time runs to the right, the left of the picture is at the top.";
             let images = [slice(&self.rows[0], "before"), slice(&self.rows[1], "after")];
             html.push_str(&pair_html("Left and right over time", note, "pair slice", images));
         }

@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::doctor::machine::Machine;
-use super::say::say;
+use super::print::print;
 use super::settings::text_of;
 use super::{Exit, Failure};
 use crate::config::Settings;
@@ -16,14 +16,14 @@ use crate::control::{Assignment, ClientError, Connection, RefusalKind, Request, 
 
 /// Which daemon is meant.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct Whom {
-    /// The service gimbald@NAME
+pub struct Target {
+    /// Talk to the service gimbald@NAME
     #[arg(short, long, value_name = "NAME", conflicts_with_all = ["socket", "config"])]
     pub instance: Option<String>,
-    /// The daemon that listens on this socket
+    /// Talk to the daemon at this socket
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub socket: Option<PathBuf>,
-    /// The daemon that has this configuration file
+    /// Talk to the daemon that uses this configuration file
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
@@ -32,17 +32,17 @@ pub struct Whom {
 #[derive(Clone, Debug, clap::Args)]
 pub struct StatusArgs {
     #[command(flatten)]
-    whom: Whom,
-    /// As JSON, on one line
+    target: Target,
+    /// Print JSON, on one line
     #[arg(long, conflicts_with = "prometheus")]
     json: bool,
-    /// As metrics for Prometheus; with --instance, each has a label `service` with its name
+    /// Print metrics in Prometheus text format; with --instance, each has the label service="NAME"
     #[arg(long)]
     prometheus: bool,
-    /// Into this file, which is replaced whole and readable to all; removed where no daemon answers
+    /// Write to this file instead; it is replaced atomically, is readable by everyone, and is removed if no daemon is running
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Again and again, every so many seconds (1), until Ctrl-C
+    /// Refresh every SECONDS (default 1) until Ctrl-C
     #[arg(short, long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", require_equals = true,
         value_parser = seconds)]
     watch: Option<f64>,
@@ -52,26 +52,26 @@ pub struct StatusArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    whom: Whom,
+    target: Target,
 }
 
 /// Arguments of `set`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SetArgs {
-    /// What to change, as smooth.strength=0.5; lasts until the configuration is read again
+    /// Setting to change, e.g. smooth.strength=0.5
     #[arg(value_name = "KEY=VALUE", required = true)]
     assignments: Vec<Assignment>,
     #[command(flatten)]
-    whom: Whom,
+    target: Target,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    let wrong = || "expected seconds from 0.1 to 3600".to_owned();
+    let wrong = || "expected a number of seconds from 0.1 to 3600".to_owned();
     text.parse().ok().filter(|seconds| (0.1..=3600.0).contains(seconds)).ok_or_else(wrong)
 }
 
-impl Whom {
-    /// Sockets to try, in order: at the first where somebody listens, one is right.
+impl Target {
+    /// Sockets to try, in order: the first at which a daemon listens is used.
     fn sockets(&self) -> Result<Vec<PathBuf>, Failure> {
         if let Some(socket) = &self.socket {
             return Ok(vec![socket.clone()]);
@@ -79,7 +79,12 @@ impl Whom {
         if let Some(instance) = &self.instance {
             // A name that would lead elsewhere is none.
             let fits = !instance.is_empty() && instance.chars().all(|c| c.is_ascii_alphanumeric() || "-_.:\\".contains(c));
-            let wrong = || Failure::new(Exit::Usage, format!("{instance:?}: no name of a service gimbald@NAME"));
+            let wrong = || {
+                Failure::new(
+                    Exit::Usage,
+                    format!("{instance:?}: not a valid instance name; expected the NAME of a service gimbald@NAME"),
+                )
+            };
             return if fits { Ok(default_paths(Some(instance))) } else { Err(wrong()) };
         }
         let Some(path) = &self.config else { return Ok(default_paths(None)) };
@@ -87,7 +92,10 @@ impl Whom {
         match settings.control.socket.as_str() {
             "auto" => Ok(default_paths(instance_of(path).as_deref())),
             "off" => {
-                let what = format!("{}: control.socket is \"off\": this daemon cannot be talked to", path.display());
+                let what = format!(
+                    "{}: control.socket is \"off\", so this daemon cannot be controlled; set it to \"auto\" and restart the daemon",
+                    path.display()
+                );
                 Err(Failure::new(Exit::Unavailable, what))
             }
             socket => Ok(vec![PathBuf::from(socket)]),
@@ -105,11 +113,11 @@ impl Whom {
                 Err(error) => return Err(error.into()),
             }
         }
-        let mut failure = first.map_or_else(|| Failure::new(Exit::Unavailable, "nobody to talk to"), Failure::from);
+        let mut failure = first.map_or_else(|| Failure::new(Exit::Unavailable, "no daemon running"), Failure::from);
         let others = if self.socket.is_none() { instances() } else { Vec::new() };
         failure.message += &match others.as_slice() {
-            [] => "; is it running? (systemctl status gimbald, or gimbald run in a terminal)".to_owned(),
-            others => format!("; there is --instance {}", others.join(", --instance ")),
+            [] => "; start it with `sudo systemctl start gimbald`, or `gimbald run` in a terminal".to_owned(),
+            others => format!("; running instances: --instance {}", others.join(", --instance ")),
         };
         Err(failure)
     }
@@ -153,12 +161,12 @@ pub fn status(args: &StatusArgs) -> Result<(), Failure> {
     if let Some(path) = &args.output {
         return status_into(path, args);
     }
-    let mut connection = args.whom.connect()?;
+    let mut connection = args.target.connect()?;
     loop {
         let text = told(args, &mut connection)?;
         // A terminal shows it in place; a file gets one after the other.
         let in_place = args.watch.is_some() && !args.json && std::io::stdout().is_terminal();
-        say(&if in_place { format!("\u{1b}[H\u{1b}[J{text}") } else { text })?;
+        print(&if in_place { format!("\u{1b}[H\u{1b}[J{text}") } else { text })?;
         let Some(pause) = args.watch else { return Ok(()) };
         if std::io::stdout().is_terminal() || !reader_is_gone() {
             sleep(Duration::from_secs_f64(pause));
@@ -171,7 +179,7 @@ pub fn status(args: &StatusArgs) -> Result<(), Failure> {
 /// Writes the status into a file, again and again where that is asked. It never holds what is not so any more.
 fn status_into(path: &Path, args: &StatusArgs) -> Result<(), Failure> {
     loop {
-        let told = args.whom.connect().and_then(|mut connection| told(args, &mut connection));
+        let told = args.target.connect().and_then(|mut connection| told(args, &mut connection));
         match (told, args.watch) {
             (Ok(text), _) => replace(path, &text).map_err(|error| Failure::creating(path, &error))?,
             (Err(failure), watch) => {
@@ -213,7 +221,7 @@ fn labelled(metrics: &str, name: &str) -> String {
     metrics.lines().map(line).collect()
 }
 
-/// Whether standard output is a pipe that nobody reads any more.
+/// Whether standard output is a pipe whose reader has gone.
 fn reader_is_gone() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     let out = std::io::stdout();
@@ -225,7 +233,7 @@ fn reader_is_gone() -> bool {
 fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failure> {
     if args.prometheus {
         let metrics = connection.metrics()?;
-        return Ok(match &args.whom.instance {
+        return Ok(match &args.target.instance {
             Some(name) => labelled(&metrics, name),
             None => metrics,
         });
@@ -248,9 +256,13 @@ fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failur
 /// # Errors
 /// Where no daemon answers.
 pub fn switch(args: &Args, on: bool) -> Result<(), Failure> {
-    let applied = args.whom.connect()?.change(if on { &Request::On } else { &Request::Off })?;
+    let applied = args.target.connect()?.change(if on { &Request::On } else { &Request::Off })?;
     let state = if on { "on" } else { "off" };
-    say(&if applied.changed.is_empty() { format!("was {state} already\n") } else { format!("{state}\n") })
+    print(&if applied.changed.is_empty() {
+        format!("stabilization is already {state}\n")
+    } else {
+        format!("stabilization {state}\n")
+    })
 }
 
 /// Runs `set`.
@@ -258,11 +270,11 @@ pub fn switch(args: &Args, on: bool) -> Result<(), Failure> {
 /// # Errors
 /// Where no daemon answers, and where it refuses one; those before it are set.
 pub fn set(args: &SetArgs) -> Result<(), Failure> {
-    let mut connection = args.whom.connect()?;
+    let mut connection = args.target.connect()?;
     for assignment in &args.assignments {
         let applied = connection.change(&Request::Set(assignment.clone()))?;
-        let what = if applied.changed.is_empty() { "is so already" } else { "set" };
-        say(&format!("{assignment}: {what}\n"))?;
+        let what = if applied.changed.is_empty() { "unchanged" } else { "set" };
+        print(&format!("{assignment}: {what}\n"))?;
     }
     Ok(())
 }
@@ -272,15 +284,15 @@ pub fn set(args: &SetArgs) -> Result<(), Failure> {
 /// # Errors
 /// Where no daemon answers, and where the configuration is wrong: then nothing has changed.
 pub fn reload(args: &Args) -> Result<(), Failure> {
-    let applied = args.whom.connect()?.change(&Request::Reload)?;
+    let applied = args.target.connect()?.change(&Request::Reload)?;
     let mut text = match applied.changed.as_slice() {
-        [] => "read again; nothing changed\n".to_owned(),
-        changed => format!("read again; changed: {}\n", changed.join(", ")),
+        [] => "reloaded, no changes\n".to_owned(),
+        changed => format!("reloaded; changed: {}\n", changed.join(", ")),
     };
     if !applied.restart.is_empty() {
-        text += &format!("these need a restart, their old values count until then: {}\n", applied.restart.join(", "));
+        text += &format!("takes effect after a restart: {}\n", applied.restart.join(", "));
     }
-    say(&text)
+    print(&text)
 }
 
 #[cfg(test)]
@@ -296,10 +308,10 @@ mod tests {
 
     #[test]
     fn names_lead_to_sockets() {
-        let whom = |instance: &str| Whom { instance: Some(instance.into()), ..Whom::default() };
-        assert_eq!(whom("desk").sockets().unwrap()[0], PathBuf::from("/run/gimbald-desk/control.sock"));
-        assert!(whom("../../tmp/x").sockets().is_err());
-        assert_eq!(Whom::default().sockets().unwrap()[0], PathBuf::from("/run/gimbald/control.sock"));
+        let target = |instance: &str| Target { instance: Some(instance.into()), ..Target::default() };
+        assert_eq!(target("desk").sockets().unwrap()[0], PathBuf::from("/run/gimbald-desk/control.sock"));
+        assert!(target("../../tmp/x").sockets().is_err());
+        assert_eq!(Target::default().sockets().unwrap()[0], PathBuf::from("/run/gimbald/control.sock"));
         assert_eq!(instance_of(Path::new("/etc/gimbald/desk.toml")).as_deref(), Some("desk"));
         assert_eq!(instance_of(Path::new("/etc/gimbald.toml")), None);
         assert_eq!((seconds("0.5"), seconds("nan").is_err(), seconds("0").is_err()), (Ok(0.5), true, true));

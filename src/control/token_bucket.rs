@@ -16,7 +16,7 @@ const HALF_LIFE_S: f64 = 5.0;
 
 /// What is left of it.
 #[derive(Clone, Debug)]
-pub(super) struct Allowance {
+pub(super) struct TokenBucket {
     rate: Rate,
     level: f64,
     /// What was taken of late: the newest counts most. Tells apart those who ask less than they may.
@@ -24,7 +24,7 @@ pub(super) struct Allowance {
     at: Instant,
 }
 
-impl Allowance {
+impl TokenBucket {
     /// All of it.
     pub(super) fn new(rate: Rate, now: Instant) -> Self {
         Self { rate, level: rate.burst, taken: 0.0, at: now }
@@ -81,17 +81,17 @@ mod tests {
     fn a_burst_then_the_rate() {
         let start = Instant::now();
         let after = |ms: u64| start + Duration::from_millis(ms);
-        let mut allowance = Allowance::new(Rate { per_second: 10.0, burst: 3.0 }, start);
-        assert!((0..3).all(|_| allowance.try_take(start)) && !allowance.try_take(start));
-        assert!(allowance.wait(start).as_millis().abs_diff(100) <= 1);
-        assert!(!allowance.try_take(after(90)) && allowance.try_take(after(101)) && !allowance.try_take(after(102)));
-        assert!((allowance.taken(after(101)) - 4.0).abs() < 0.1 && (allowance.taken(after(5101)) - 2.0).abs() < 0.1);
-        assert!(!allowance.is_new(after(1000)) && allowance.is_new(after(60_000)));
-        assert!(allowance.level(after(100_000)) <= 3.0, "a long rest gives no more than the burst");
-        (0..100).for_each(|_| allowance.take(after(100_000)));
-        assert!(allowance.wait(after(100_000)).as_millis() <= 100, "nothing is owed");
-        assert_eq!(allowance.wait(after(200_000)), Duration::ZERO);
+        let mut bucket = TokenBucket::new(Rate { per_second: 10.0, burst: 3.0 }, start);
+        assert!((0..3).all(|_| bucket.try_take(start)) && !bucket.try_take(start));
+        assert!(bucket.wait(start).as_millis().abs_diff(100) <= 1);
+        assert!(!bucket.try_take(after(90)) && bucket.try_take(after(101)) && !bucket.try_take(after(102)));
+        assert!((bucket.taken(after(101)) - 4.0).abs() < 0.1 && (bucket.taken(after(5101)) - 2.0).abs() < 0.1);
+        assert!(!bucket.is_new(after(1000)) && bucket.is_new(after(60_000)));
+        assert!(bucket.level(after(100_000)) <= 3.0, "a long rest gives no more than the burst");
+        (0..100).for_each(|_| bucket.take(after(100_000)));
+        assert!(bucket.wait(after(100_000)).as_millis() <= 100, "nothing is owed");
+        assert_eq!(bucket.wait(after(200_000)), Duration::ZERO);
         // time that goes backwards, as between two threads' clocks, gives nothing
-        assert!(allowance.level(start) <= 3.0);
+        assert!(bucket.level(start) <= 3.0);
     }
 }

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use super::Failure;
 
-/// Writes `text`. Nobody is left to be told that the reader (a `head`, a pager) has seen enough: that is no failure.
+/// Writes `text`. A reader that has seen enough (`head`, a pager) is not a failure.
 ///
 /// # Errors
 /// Where standard output cannot be written otherwise.
-pub(super) fn say(text: &str) -> Result<(), Failure> {
+pub(super) fn print(text: &str) -> Result<(), Failure> {
     told(write(&mut io::stdout().lock(), text))
 }
 
@@ -26,7 +26,7 @@ fn write(to: &mut dyn Write, text: &str) -> io::Result<()> {
 /// What came of writing to standard output.
 ///
 /// # Errors
-/// As [`say`].
+/// As [`print`].
 pub(super) fn told(written: io::Result<()>) -> Result<(), Failure> {
     match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
