@@ -35,6 +35,21 @@ impl Text {
         self.family(name, "counter", help);
         counts.iter().for_each(|(which, count)| self.value(name, &[(label, which)], *count as f64));
     }
+
+    /// The histogram of the time from capture to output.
+    fn latency(&mut self, metrics: &Metrics) {
+        self.family("latency_seconds", "histogram", "Time from capture to output.");
+        let (ages, sum_s) = metrics.ages();
+        let mut below = 0;
+        for (count, bound_ms) in ages.iter().zip(AGE_BOUNDS_MS) {
+            below += count;
+            self.value("latency_seconds_bucket", &[("le", &(bound_ms / 1e3).to_string())], below as f64);
+        }
+        let all: u64 = ages.iter().sum();
+        self.value("latency_seconds_bucket", &[("le", "+Inf")], all as f64);
+        self.value("latency_seconds_sum", &[], sum_s);
+        self.value("latency_seconds_count", &[], all as f64);
+    }
 }
 
 /// A label's value as the format wants it.
@@ -86,17 +101,7 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.count("failed_transfers_total", "Failed transfers from cameras.", failed_transfers);
     text.count("stream_restarts_total", "Restarts of camera streams after failures.", restarts);
     text.count("cameras_opened_total", "Number of times a camera was opened.", status.cameras_opened);
-    text.family("latency_seconds", "histogram", "Time from capture to output.");
-    let (ages, sum_s) = metrics.ages();
-    let mut below = 0;
-    for (count, bound_ms) in ages.iter().zip(AGE_BOUNDS_MS) {
-        below += count;
-        text.value("latency_seconds_bucket", &[("le", &(bound_ms / 1e3).to_string())], below as f64);
-    }
-    let all: u64 = ages.iter().sum();
-    text.value("latency_seconds_bucket", &[("le", "+Inf")], all as f64);
-    text.value("latency_seconds_sum", &[], sum_s);
-    text.value("latency_seconds_count", &[], all as f64);
+    text.latency(metrics);
     if let Some(spread) = status.crop_use {
         text.gauge("crop_use_ratio", "Share of the crop margin used by corrections, recent median.", spread.p50);
         text.gauge("crop_use_max_ratio", "Share of the crop margin used by corrections, recent maximum.", spread.max);

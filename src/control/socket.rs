@@ -312,7 +312,7 @@ mod tests {
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o640);
         assert_eq!(fs::metadata(path.with_extension("lock")).unwrap().mode() & 0o7777, 0o600);
         let second = BoundSocket::take(&path, 0o660, None).unwrap_err();
-        assert!(second.contains("another gimbald listens"), "{second}");
+        assert!(second.contains("in use by another daemon"), "{second}");
         assert!(UnixStream::connect(&path).is_ok(), "the first still listens");
         drop(place);
         assert!(!path.exists(), "its file goes with it");

@@ -1,7 +1,7 @@
 //! The state of a daemon, as its answers have it, and as people read it.
 
 use std::collections::BTreeMap;
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -29,8 +29,8 @@ pub struct Status {
     pub output: Option<OutputInfo>,
     /// Whether somebody watches the loopback or a PipeWire camera; `None` where there is neither.
     pub watched: Option<bool>,
-    /// How many do: readers of the loopback, and PipeWire cameras that are watched (each by any number of programs). v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
-    /// often any loopback device is open beside the daemon's own opening, which is no less.
+    /// Number of viewers: readers of the loopback, and PipeWire cameras in use (each by any number of programs). v4l2loopback reports its
+    /// reader since 0.13, 0 or 1. For older versions this is how often any loopback device is open beside the daemon, an upper bound.
     pub watchers: Option<u32>,
     /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -64,7 +64,7 @@ pub struct Status {
     pub confidence: f64,
     /// How far corrections are believed (0 to 1); moves slowly.
     pub trust: f64,
-    /// What is believed of the camera.
+    /// Calibration of the camera.
     pub found: Option<Found>,
     /// Every setting, by key, as TOML writes its value.
     pub settings: BTreeMap<String, String>,
@@ -180,7 +180,7 @@ pub struct RejectedFormat {
     pub what: String,
 }
 
-/// What was found out about the camera; a deviation of 0 was given.
+/// Calibration of the camera; a deviation of 0 means that the value was configured.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(default)]
 pub struct Found {
@@ -210,78 +210,75 @@ fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-impl fmt::Display for Status {
-    /// Some twenty lines for people.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = |name: &str, text: &str| writeln!(f, "{name:<15}{}", plain(text));
+/// A line of the text: its label, and what it says.
+type Line = (&'static str, String);
+
+impl Status {
+    /// State, devices and viewers.
+    fn device_lines(&self) -> Vec<Line> {
         let on = if self.enabled { "" } else { "; stabilization is off, enable it with `gimbald on`" };
-        line("state", &format!("{} for {}{on}", self.state, lasting(self.since_s)))?;
-        line("", &self.what)?;
-        match &self.camera {
-            Some(CameraInfo { path, name, bus, format, width, height, fps }) => {
-                line("camera", &format!("{path}  {name} ({bus}), {format} {width}x{height} at {fps:.3} fps"))?;
-            }
-            None => line("camera", "closed")?,
-        }
-        match &self.output {
-            Some(OutputInfo { path, format, width, height }) => {
-                line("output", &format!("{path}  {format} {width}x{height}"))?;
-            }
-            None => line("output", "not open")?,
-        }
+        let camera = self.camera.as_ref().map_or_else(
+            || "closed".into(),
+            |camera| {
+                let CameraInfo { path, name, bus, format, width, height, fps } = camera;
+                format!("{path}  {name} ({bus}), {format} {width}x{height} at {fps:.3} fps")
+            },
+        );
+        let output = self.output.as_ref().map_or_else(
+            || "not open".into(),
+            |output| {
+                let OutputInfo { path, format, width, height } = output;
+                format!("{path}  {format} {width}x{height}")
+            },
+        );
+        let mut lines = vec![
+            ("state", format!("{} for {}{on}", self.state, lasting(self.since_s))),
+            ("", self.what.clone()),
+            ("camera", camera),
+            ("output", output),
+        ];
         if let Some(watched) = self.watched {
-            let by = match (watched, self.watchers) {
-                (false, _) => "no viewers".to_owned(),
+            let count = match (watched, self.watchers) {
+                (false, _) => "none".to_owned(),
                 (true, None) => "yes".to_owned(),
                 (true, Some(1)) => "1 program".to_owned(),
                 (true, Some(count)) => format!("up to {count} programs"),
             };
             let open_in =
                 if self.open_in.is_empty() { String::new() } else { format!("; open in {}", self.open_in.join(", ")) };
-            line("viewers", &(by + &open_in))?;
+            lines.push(("viewers", count + &open_in));
         }
-        line("frame rate", &format!("{:.2} fps", self.fps))?;
-        if let Some(Spread { p50, p99, max }) = self.latency_ms {
-            line("latency", &format!("median {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms"))?;
-        }
-        if let Some(Spread { p50, p99, max }) = self.work_ms {
-            line("  processing", &format!("median {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms"))?;
-        }
+        lines
+    }
+
+    /// Frame rate, times, counts, and what went wrong.
+    fn frame_lines(&self) -> Vec<Line> {
+        let times = |spread: Spread| {
+            let Spread { p50, p99, max } = spread;
+            format!("median {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms")
+        };
+        let mut lines = vec![("frame rate", format!("{:.2} fps", self.fps))];
+        lines.extend(self.latency_ms.map(|spread| ("latency", times(spread))));
+        lines.extend(self.work_ms.map(|spread| ("  processing", times(spread))));
         let Frames { captured, sent, stabilized, held, passed_through } = self.frames;
-        line("frames", &format!("{captured} captured, {sent} sent"))?;
-        line("  of which", &format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected"))?;
-        let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = self.drops;
-        let mut lost = String::new();
-        for (count, why) in [
-            (camera_missing, "missing from the camera"),
-            (camera_stale, "dropped at the camera (late)"),
-            (damaged, "damaged"),
-            (cut, "partly shown"),
-            (behind, "dropped (late)"),
-            (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
-            (restarts, if restarts == 1 { "restart of the stream" } else { "restarts of the stream" }),
-        ] {
-            if count > 0 {
-                let _ = write!(lost, "{}{count} {why}", if lost.is_empty() { "" } else { ", " });
-            }
-        }
-        line("problems", if lost.is_empty() { "none" } else { &lost })?;
-        if let Some(unusable) = &self.unusable {
-            line("unusable", &unusable.what)?;
-        }
-        for RejectedFormat { camera, format, what } in &self.formats_left {
-            line("rejected", &format!("{format} of {camera}: {what}"))?;
-        }
+        lines.push(("frames", format!("{captured} captured, {sent} sent")));
+        lines.push(("  of which", format!("{stabilized} stabilized, {held} repeated, {passed_through} uncorrected")));
+        lines.push(("problems", self.drops.text()));
+        lines.extend(self.unusable.iter().map(|unusable| ("unusable", unusable.what.clone())));
+        let rejected = |left: &RejectedFormat| ("rejected", format!("{} of {}: {}", left.format, left.camera, left.what));
+        lines.extend(self.formats_left.iter().map(rejected));
+        lines
+    }
+
+    /// Motion, calibration, and the process.
+    fn motion_lines(&self) -> Vec<Line> {
+        let mut lines = Vec::new();
         if let Some(Spread { p50, max, .. }) = self.crop_use {
-            line("crop window", &format!("median {:.0} % used, max {:.0} %", 100.0 * p50, 100.0 * max))?;
+            lines.push(("crop margin", format!("median {:.0} % used, max {:.0} %", 100.0 * p50, 100.0 * max)));
         }
-        line(
-            "motion",
-            &format!(
-                "{} of {} points are inliers, confidence {:.2}, trust {:.2}",
-                self.inliers, self.tracks, self.confidence, self.trust
-            ),
-        )?;
+        let Self { inliers, tracks, confidence, trust, .. } = self;
+        let motion = format!("{inliers} of {tracks} points are inliers, confidence {confidence:.2}, trust {trust:.2}");
+        lines.push(("motion", motion));
         if let Some(Found { readout_ms, readout_deviation_ms, hfov_deg, hfov_deviation_deg }) = self.found {
             let known = |value: f64, deviation: f64, unit: &str| match deviation {
                 0.0 => format!("{value:.1} {unit} (configured)"),
@@ -289,12 +286,40 @@ impl fmt::Display for Status {
             };
             let (readout, hfov) =
                 (known(readout_ms, readout_deviation_ms, "ms"), known(hfov_deg, hfov_deviation_deg, "degrees"));
-            line("calibration", &format!("readout {readout}, field of view {hfov}"))?;
+            lines.push(("calibration", format!("readout {readout}, field of view {hfov}")));
         }
         if !self.restart.is_empty() {
-            line("restart", &format!("required to apply {}", self.restart.join(", ")))?;
+            lines.push(("restart", format!("required to apply {}", self.restart.join(", "))));
         }
-        line("process", &format!("{}, version {}, running for {}", self.pid, self.version, lasting(self.uptime_s)))
+        lines.push(("process", format!("{}, version {}, running for {}", self.pid, self.version, lasting(self.uptime_s))));
+        lines
+    }
+}
+
+impl Drops {
+    /// The counts that are not zero; "none" where all are.
+    fn text(&self) -> String {
+        let Self { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = *self;
+        let counts = [
+            (camera_missing, "missing from the camera"),
+            (camera_stale, "dropped at the camera (late)"),
+            (damaged, "damaged"),
+            (cut, "partly shown"),
+            (behind, "dropped (late)"),
+            (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
+            (restarts, if restarts == 1 { "restart of the stream" } else { "restarts of the stream" }),
+        ];
+        let counts = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let text = counts.collect::<Vec<_>>().join(", ");
+        if text.is_empty() { "none".into() } else { text }
+    }
+}
+
+impl fmt::Display for Status {
+    /// Some twenty lines for people.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lines = [self.device_lines(), self.frame_lines(), self.motion_lines()];
+        lines.into_iter().flatten().try_for_each(|(label, text)| writeln!(f, "{label:<15}{}", plain(&text)))
     }
 }
 

@@ -88,25 +88,37 @@ fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<F
         }
     }
     if is_there {
-        findings.push(note(
-            "browsers: Chromium supports PipeWire cameras with --enable-features=WebRtcPipeWireCamera (chrome://flags), Firefox with \
-             media.webrtc.camera.allow-pipewire = true (about:config; some distributions set it)"
-                .into(),
-        ));
+        findings.push(browsers());
     }
     if let (Some(loopback), Some(_)) = (loopback, &seen.objects) {
-        let twin = nodes.iter().any(|props| props["api.v4l2.path"].as_str().is_some_and(|path| Path::new(path) == loopback));
-        findings.push(note(if twin {
-            format!("PipeWire also lists the loopback {}; the rules in {EXAMPLES} hide it, and the real camera", loopback.display())
-        } else {
-            format!(
-                "PipeWire does not list the loopback {}: WirePlumber started before it had a writer. If a program needs it through \
-                 PipeWire: systemctl --user restart wireplumber",
-                loopback.display()
-            )
-        }));
+        findings.push(twin(&nodes, loopback));
     }
     findings
+}
+
+/// What browsers need in order to list PipeWire cameras.
+fn browsers() -> Finding {
+    let what = "browsers: Chromium supports PipeWire cameras with --enable-features=WebRtcPipeWireCamera (chrome://flags), Firefox with \
+                media.webrtc.camera.allow-pipewire = true (about:config; some distributions set it)";
+    Finding::note("pipewire", what)
+}
+
+/// Whether PipeWire, which has these nodes, lists the loopback as well.
+fn twin(nodes: &[&serde_json::Value], loopback: &Path) -> Finding {
+    let shown = loopback.display();
+    let is_listed =
+        |props: &&serde_json::Value| props["api.v4l2.path"].as_str().is_some_and(|path| Path::new(path) == loopback);
+    Finding::note(
+        "pipewire",
+        if nodes.iter().any(is_listed) {
+            format!("PipeWire also lists the loopback {shown}; the rules in {EXAMPLES} hide it, and the real camera")
+        } else {
+            format!(
+                "PipeWire does not list the loopback {shown}: WirePlumber started before it had a writer. If a program needs it through \
+                 PipeWire: systemctl --user restart wireplumber"
+            )
+        },
+    )
 }
 
 #[cfg(test)]
