@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub struct Status {
     /// Version of the program.
     pub version: String,
+    /// The instruction set of its pixel loops: `scalar`, `avx2` or `neon`.
+    pub simd: String,
     /// Its process.
     pub pid: u32,
     /// What it is at, one of the names of [`super::Phase`].
@@ -294,7 +296,8 @@ impl fmt::Display for Status {
         if !self.restart.is_empty() {
             line("waiting", &format!("for a restart: {}", self.restart.join(", ")))?;
         }
-        line("process", &format!("{}, version {}, for {}", self.pid, self.version, lasting(self.uptime_s)))
+        let simd = if self.simd.is_empty() { String::new() } else { format!(", pixel loops {}", self.simd) };
+        line("process", &format!("{}, version {}{simd}, for {}", self.pid, self.version, lasting(self.uptime_s)))
     }
 }
 
@@ -306,6 +309,8 @@ mod tests {
     fn people_read_it_and_programs_too() {
         let status = Status {
             state: "streaming".into(),
+            version: "1.2".into(),
+            simd: "neon".into(),
             since_s: 3725.0,
             camera: Some(CameraInfo { name: "Evil\u{1b}[2J\nname".into(), ..CameraInfo::default() }),
             latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
@@ -333,6 +338,7 @@ mod tests {
             "not used       MJPG of C: nothing came\n",
             "camera.device",
             "by one program; open in zoom (12)",
+            "version 1.2, pixel loops neon, for",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }
