@@ -105,6 +105,11 @@ const LONGEST_HELD_NS: i64 = 2_000_000_000;
 /// what it holds.
 const MOST_WAITING: usize = 3;
 
+/// The name of the instruction set that pixel loops use here: `scalar`, `avx2` or `neon`.
+pub fn simd() -> &'static str {
+    Level::detected().name()
+}
+
 impl Stabilizer {
     /// Steps from frames of `input`'s format to pictures of `output`'s size.
     pub fn new(params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {

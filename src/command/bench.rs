@@ -13,6 +13,7 @@ use super::interrupt::stop_on_signal;
 use super::{Exit, Failure, SettingsArgs};
 use crate::frame::Stage;
 use crate::image::PixelFormat;
+use crate::kernel::Level;
 
 pub use copies::{Copies, CopyTimes};
 pub use measure::{Measured, measure};
@@ -116,6 +117,7 @@ pub fn table(out: &mut dyn Write, done: &[Measured]) -> io::Result<()> {
             1e-6 * copy.cache_ns as f64
         )?;
     }
+    writeln!(out, "pixel loops: {}", Level::detected().name())?;
     writeln!(
         out,
         "x memory: time of the frame, without decoding, relative to a plain copy of its 4:2:0 picture from memory to memory (ring buffers \
@@ -126,5 +128,6 @@ pub fn table(out: &mut dyn Write, done: &[Measured]) -> io::Result<()> {
 
 /// The results of several cases as JSON.
 pub fn json(done: &[Measured]) -> Value {
-    json!({ "version": env!("CARGO_PKG_VERSION"), "cases": done.iter().map(Measured::json).collect::<Vec<_>>() })
+    let cases = done.iter().map(Measured::json).collect::<Vec<_>>();
+    json!({ "version": env!("CARGO_PKG_VERSION"), "simd": Level::detected().name(), "cases": cases })
 }

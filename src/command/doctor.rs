@@ -3,6 +3,7 @@
 mod finding;
 pub(super) mod machine;
 mod pipewire;
+mod processor;
 mod service;
 
 use std::path::{Path, PathBuf};
@@ -15,7 +16,6 @@ use crate::config::Settings;
 use crate::control::Status;
 use crate::device::DeviceError;
 use crate::device::v4l2::{DeviceInfo, Direction, LOAD_COMMAND as LOAD, LoopbackVersion, devices, find};
-use crate::kernel::Level;
 use finding::{Finding, Severity};
 use machine::{Holder, Machine};
 
@@ -47,9 +47,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => ("gimbald".into(), args.target.config.clone().unwrap_or_else(|| CONFIG.into())),
     };
     let (configured, settings) = configuration(&path, args.target.config.is_some());
-    let mut findings = vec![configured, processor()];
-    findings.extend(module(&machine, settings.output.pipewire));
     let (daemon, status) = service::asked(&args.target);
+    let mut findings = vec![configured, processor::looked_at(&settings, status.as_ref())];
+    findings.extend(module(&machine, settings.output.pipewire));
     let known = devices();
     findings.extend(output(&machine, &settings, &known, status.as_ref()));
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
@@ -100,18 +100,6 @@ fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
             (Finding { severity: Severity::Config, ..Finding::fault("config", failure.message, mend) }, Settings::default())
         }
     }
-}
-
-fn processor() -> Finding {
-    let (level, best) = (Level::detected(), Level::best());
-    if level < best {
-        let what = format!("{}={} disables {}", crate::kernel::LEVEL_VARIABLE, level.name(), best.name());
-        return Finding::advice("processor", what, format!("unset {}", crate::kernel::LEVEL_VARIABLE));
-    }
-    if best == Level::SCALAR {
-        return Finding::note("processor", "no AVX2: use 640x480 or a lower frame rate if the picture stutters");
-    }
-    Finding::good("processor", format!("using {}", best.name()))
 }
 
 /// `pipewire`: whether pictures go to PipeWire as well, so that no loopback is needed.

@@ -151,7 +151,8 @@ impl DaemonState {
 
     /// Everything there is to tell.
     pub fn status(&self) -> Status {
-        let mut status = Status { version: env!("CARGO_PKG_VERSION").into(), pid: std::process::id(), ..Status::default() };
+        let (version, simd) = (env!("CARGO_PKG_VERSION").into(), crate::pipeline::simd().into());
+        let mut status = Status { version, simd, pid: std::process::id(), ..Status::default() };
         self.metrics.fill(&mut status);
         let counts = self.live.counts();
         status.frames.captured = counts.frames_in;

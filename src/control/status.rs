@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub struct Status {
     /// Version of the program.
     pub version: String,
+    /// The instruction set of its pixel loops: `scalar`, `avx2` or `neon`.
+    pub simd: String,
     /// Its process.
     pub pid: u32,
     /// What it is at, one of the names of [`super::Phase`].
@@ -291,7 +293,9 @@ impl Status {
         if !self.restart.is_empty() {
             lines.push(("restart", format!("required to apply {}", self.restart.join(", "))));
         }
-        lines.push(("process", format!("{}, version {}, running for {}", self.pid, self.version, lasting(self.uptime_s))));
+        let simd = if self.simd.is_empty() { String::new() } else { format!(", pixel loops {}", self.simd) };
+        let uptime = lasting(self.uptime_s);
+        lines.push(("process", format!("{}, version {}{simd}, running for {uptime}", self.pid, self.version)));
         lines
     }
 }
@@ -331,6 +335,8 @@ mod tests {
     fn people_read_it_and_programs_too() {
         let status = Status {
             state: "streaming".into(),
+            version: "1.2".into(),
+            simd: "neon".into(),
             since_s: 3725.0,
             camera: Some(CameraInfo { name: "Evil\u{1b}[2J\nname".into(), ..CameraInfo::default() }),
             latency_ms: Some(Spread { p50: 12.0, p99: 18.5, max: 40.0 }),
@@ -358,6 +364,7 @@ mod tests {
             "rejected       MJPG of C: nothing came\n",
             "camera.device",
             "1 program; open in zoom (12)",
+            "version 1.2, pixel loops neon, running for",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }

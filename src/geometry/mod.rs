@@ -3,10 +3,12 @@
 
 mod camera;
 mod homography;
+mod length;
 mod map;
 mod zoom;
 
 pub use camera::{Calibration, Pinhole, Pose};
 pub use homography::Homography;
+pub use length::hypot;
 pub use map::{OutputMap, RowMotion, RowPoses};
 pub use zoom::Zoom;

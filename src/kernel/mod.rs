@@ -14,10 +14,9 @@ pub mod warp;
 
 use std::sync::OnceLock;
 
-/// The name of the environment variable that caps [`Level::detected`]: `scalar` or `avx2`.
+/// The name of the environment variable that caps [`Level::detected`] by a level's name: on x86-64 `scalar` or `avx2`, on aarch64 `scalar`
+/// or `neon`, elsewhere `scalar`. Empty, it says nothing.
 pub const LEVEL_VARIABLE: &str = "GIMBALD_SIMD";
-/// What it may say.
-const CAPS: [&str; 2] = ["scalar", "avx2"];
 
 /// An instruction set that this processor has: holding the value is the proof. Kernels take it as an argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -28,10 +27,23 @@ enum Set {
     Scalar,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    #[cfg(target_arch = "aarch64")]
+    Neon,
+}
+
+impl Set {
+    /// Every level that this architecture can have, the scalar one first.
+    const ALL: &[Self] = &[
+        Self::Scalar,
+        #[cfg(target_arch = "x86_64")]
+        Self::Avx2,
+        #[cfg(target_arch = "aarch64")]
+        Self::Neon,
+    ];
 }
 
 impl Level {
-    /// What every processor has.
+    /// The plain loops, which every processor can run.
     pub const SCALAR: Self = Self(Set::Scalar);
 
     /// The best level of this processor, capped by [`LEVEL_VARIABLE`] (an unknown word there caps nothing). Found, and told of in
@@ -50,17 +62,17 @@ impl Level {
     /// # Errors
     /// What it says, and what it may say.
     pub fn check_cap() -> Result<(), String> {
-        match std::env::var_os(LEVEL_VARIABLE) {
-            Some(word) if !CAPS.iter().any(|cap| word == *cap) => {
-                Err(format!("{LEVEL_VARIABLE}={}: expected one of {}; or unset it", word.to_string_lossy(), CAPS.join(", ")))
-            }
-            _ => Ok(()),
+        let word = std::env::var_os(LEVEL_VARIABLE).unwrap_or_default();
+        let known: Vec<&str> = Set::ALL.iter().map(|set| Self(*set).name()).collect();
+        if word.is_empty() || known.iter().any(|name| word == *name) {
+            return Ok(());
         }
+        Err(format!("{LEVEL_VARIABLE}={}: expected one of {}; or unset it", word.to_string_lossy(), known.join(", ")))
     }
 
     /// The best level of this processor that `cap` allows.
     fn capped(cap: Option<&str>) -> Self {
-        if cap == Some("scalar") {
+        if cap == Some(Self::SCALAR.name()) {
             return Self::SCALAR;
         }
         Self::best()
@@ -72,6 +84,10 @@ impl Level {
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             return Self(Set::Avx2);
         }
+        // The compiler has been told of it for the whole program.
+        #[cfg(target_arch = "aarch64")]
+        return Self(Set::Neon);
+        #[cfg(not(target_arch = "aarch64"))]
         Self::SCALAR
     }
 
@@ -81,14 +97,28 @@ impl Level {
     }
 
     /// Whether AVX2 and FMA may be used.
+    #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn has_avx2(self) -> bool {
-        self != Self::SCALAR
+        self.0 == Set::Avx2
+    }
+
+    /// Whether the loops that are written for NEON may be used. The compiler uses NEON in the plain loops, too.
+    #[cfg(target_arch = "aarch64")]
+    #[inline]
+    pub fn has_neon(self) -> bool {
+        self.0 == Set::Neon
     }
 
     /// The name under which reports show it.
     pub fn name(self) -> &'static str {
-        if self.has_avx2() { "avx2" } else { "scalar" }
+        match self.0 {
+            Set::Scalar => "scalar",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => "avx2",
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon => "neon",
+        }
     }
 }
 

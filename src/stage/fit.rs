@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::frame::{Fit, Track};
-use crate::geometry::Homography;
+use crate::geometry::{Homography, hypot};
 
 /// Which entries of the homography are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -113,7 +113,7 @@ impl Fitter {
     /// Median length of the tracks, pixels.
     fn median_motion(&mut self, tracks: &[Track]) -> f64 {
         self.lengths.clear();
-        self.lengths.extend(tracks.iter().map(|t| (t.to[0] - t.from[0]).hypot(t.to[1] - t.from[1])));
+        self.lengths.extend(tracks.iter().map(|t| hypot(t.to[0] - t.from[0], t.to[1] - t.from[1])));
         let middle = self.lengths.len() / 2;
         *self.lengths.select_nth_unstable_by(middle, f64::total_cmp).1
     }
@@ -201,7 +201,7 @@ impl Normal {
             centre[0] += track.from[0] / n;
             centre[1] += track.from[1] / n;
         }
-        let scale = tracks.iter().map(|t| (t.from[0] - centre[0]).hypot(t.from[1] - centre[1])).sum::<f64>() / n;
+        let scale = tracks.iter().map(|t| hypot(t.from[0] - centre[0], t.from[1] - centre[1])).sum::<f64>() / n;
         (scale.is_finite() && scale > 1.0).then_some(Self { centre, scale })
     }
 

@@ -6,6 +6,7 @@
 //! interpolation cancels to first order. Coordinates are pixels of the picture.
 
 use crate::frame::{Frame, Track};
+use crate::geometry::hypot;
 use crate::image::PlaneRef;
 use crate::kernel::{Level, lk};
 
@@ -173,7 +174,7 @@ impl Tracker {
                 lk::expect(new.luma, [next.at[0] + x, next.at[1] + y], N);
             }
             let near = |found: &Found, guess: [f32; 2]| {
-                found.sigma <= SHARP && (found.shift[0] - guess[0]).hypot(found.shift[1] - guess[1]) <= NEAR
+                found.sigma <= SHARP && hypot(found.shift[0] - guess[0], found.shift[1] - guess[1]) <= NEAR
             };
             let found = self
                 .neighbours
@@ -187,7 +188,7 @@ impl Tracker {
         }
         let lost = self.found.iter().filter(|found| found.is_none()).count();
         if let Some(guess) = median_shift(&self.found, &mut self.shifts)
-            && guess[0].hypot(guess[1]) > LEAST_GUESS
+            && hypot(guess[0], guess[1]) > LEAST_GUESS
             && lost * 8 > features.len()
         {
             for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
@@ -292,7 +293,7 @@ fn follow_one<const N: usize>(
     let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
     let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
     let centroid = [0, 1].map(|i: usize| 0.5 * (forth.centroid[i] + back.centroid[i]));
-    Some(Found { shift, centroid, round_trip: apart[0].hypot(apart[1]), sigma: forth.sigma })
+    Some(Found { shift, centroid, round_trip: hypot(apart[0], apart[1]), sigma: forth.sigma })
 }
 
 /// Follows a point of the first picture in the other from level `from` to the finest; `None` where it is lost.
@@ -345,11 +346,11 @@ fn align<const N: usize>(
         let delta = [(xy * by - yy * bx) / determinant, (xy * bx - xx * by) / determinant];
         shift = [shift[0] + delta[0], shift[1] + delta[1]];
         difference = ((step.square - step.sum * step.sum / area) / area).max(0.0).sqrt();
-        let way = (shift[0] - start[0]).hypot(shift[1] - start[1]);
+        let way = hypot(shift[0] - start[0], shift[1] - start[1]);
         if !way.is_finite() || way > FARTHEST {
             return None;
         }
-        if delta[0].hypot(delta[1]) < settled {
+        if hypot(delta[0], delta[1]) < settled {
             break;
         }
     }

@@ -9,9 +9,20 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod scalar;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod wide;
 
 use super::Level;
+#[cfg(target_arch = "x86_64")]
+use avx2::Avx2 as Native;
+#[cfg(target_arch = "aarch64")]
+use neon::Neon as Native;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+use wide::SIDE;
+
 use crate::image::PlaneRef;
 
 /// Sides a patch can have, pixels.
@@ -228,11 +239,12 @@ impl<const N: usize> Pixels<N> {
     /// Samples values and gradients.
     #[inline(always)]
     fn sample(&mut self, level: Level, window: Window<'_>) -> Moments {
-        #[cfg(target_arch = "x86_64")]
-        if level.has_avx2() && N == avx2::SIDE {
+        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+        if N == SIDE
+            && let Some(native) = Native::of(level)
+        {
             let (value, [dx, dy]) = (self.value.as_flattened_mut(), self.descent.each_mut().map(|d| d.as_flattened_mut()));
-            // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
-            return unsafe { avx2::sample(window, value, dx, dy) };
+            return native.sample(window, value, dx, dy);
         }
         scalar::sample(level, self, window)
     }
@@ -240,11 +252,12 @@ impl<const N: usize> Pixels<N> {
     /// Takes away what a change of brightness or contrast would move.
     #[inline(always)]
     fn project(&mut self, level: Level, projection: Projection) -> Slopes {
-        #[cfg(target_arch = "x86_64")]
-        if level.has_avx2() && N == avx2::SIDE {
+        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+        if N == SIDE
+            && let Some(native) = Native::of(level)
+        {
             let (value, [dx, dy]) = (self.value.as_flattened(), self.descent.each_mut().map(|d| d.as_flattened_mut()));
-            // SAFETY: as above.
-            return unsafe { avx2::project(projection, value, dx, dy) };
+            return native.project(projection, value, dx, dy);
         }
         scalar::project(level, self, projection)
     }
@@ -252,11 +265,12 @@ impl<const N: usize> Pixels<N> {
     /// Compares with what a window shows.
     #[inline(always)]
     fn compare(&self, level: Level, window: Window<'_>) -> Compared {
-        #[cfg(target_arch = "x86_64")]
-        if level.has_avx2() && N == avx2::SIDE {
+        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+        if N == SIDE
+            && let Some(native) = Native::of(level)
+        {
             let (value, [dx, dy]) = (self.value.as_flattened(), self.descent.each_ref().map(|d| d.as_flattened()));
-            // SAFETY: as above.
-            return unsafe { avx2::compare(window, value, dx, dy) };
+            return native.compare(window, value, dx, dy);
         }
         scalar::compare(level, self, window)
     }

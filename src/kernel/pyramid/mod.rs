@@ -12,25 +12,23 @@ const BLOCK: usize = 256;
 /// Halves `from` into `to` (width and height halved, rounded down), by the separable filter (1 3 3 1) / 8 between pairs of
 /// samples, edges repeated. The centre of output pixel (x, y) is input point (2x + 0.5, 2y + 0.5).
 pub fn halve(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>) {
-    let mut to = to;
     let size = [(from.width() / 2).min(to.width()), (from.height() / 2).min(to.height())];
     if size.contains(&0) {
         return;
     }
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
+        let mut to = to;
         // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
         let columns = unsafe { avx2::inner(from, &mut to) };
-        if columns > 1 {
-            let rest = [
-                [0, 0, size[0], 1],
-                [0, 1, 1, size[1] - 1],
-                [columns, 1, size[0], size[1] - 1],
-                [0, size[1] - 1, size[0], size[1]],
-            ];
-            rest.into_iter().for_each(|part| halve_part(level, from, to.reborrow(), part));
-            return;
-        }
+        let rest = [
+            [0, 0, size[0], 1],
+            [0, 1, 1, size[1] - 1],
+            [columns, 1, size[0], size[1] - 1],
+            [0, size[1] - 1, size[0], size[1]],
+        ];
+        rest.into_iter().for_each(|part| halve_part(level, from, to.reborrow(), part));
+        return;
     }
     halve_part(level, from, to, [0, 0, size[0], size[1]]);
 }

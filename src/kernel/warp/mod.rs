@@ -4,7 +4,11 @@
 mod avx2;
 mod cells;
 mod cubic;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod nodes;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod octets;
 
 use cells::Line;
 pub use cells::{Axis, Between, Cells, FURTHEST, Filter, Outside, lines};
@@ -37,7 +41,12 @@ pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) 
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
         // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
-        return unsafe { avx2::row(plane, cells, out) };
+        return unsafe { octets::row::<avx2::Avx2>(plane, cells, out) };
+    }
+    #[cfg(target_arch = "aarch64")]
+    if level.has_neon() {
+        // SAFETY: a `Level` says NEON only where the processor has it.
+        return unsafe { octets::row::<neon::Neon>(plane, cells, out) };
     }
     let _ = level;
     row_scalar(plane, cells, out);

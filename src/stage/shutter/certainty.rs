@@ -10,7 +10,7 @@
 //! is added for what no length of footage averages out.
 
 use super::continuous::{HFOV_LIMITS_DEG, LONGEST_READOUT};
-use crate::geometry::Calibration;
+use crate::geometry::{Calibration, hypot};
 
 /// Standard deviations in a stated uncertainty.
 pub const FACTOR: f64 = 2.0;
@@ -38,13 +38,13 @@ pub struct Estimate {
 
 /// The readout time (seconds) of a camera that gives a frame every `interval_s`, however uncertain.
 pub fn readout(found: &Calibration, interval_s: f64) -> Estimate {
-    let uncertainty = (FACTOR * found.readout_deviation_s).hypot(FLOOR.0 * interval_s);
+    let uncertainty = hypot(FACTOR * found.readout_deviation_s, FLOOR.0 * interval_s);
     Estimate { value: found.readout_s, uncertainty }
 }
 
 /// The horizontal field of view (degrees), however uncertain.
 pub fn hfov(found: &Calibration) -> Estimate {
-    Estimate { value: found.hfov_deg, uncertainty: (FACTOR * found.hfov_deviation_deg).hypot(FLOOR.1) }
+    Estimate { value: found.hfov_deg, uncertainty: hypot(FACTOR * found.hfov_deviation_deg, FLOOR.1) }
 }
 
 /// The readout time, where it was found out, and well enough to build on. One that fills the frame interval is believed only where the

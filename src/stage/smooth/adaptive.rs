@@ -7,6 +7,7 @@
 use super::Tuning;
 use super::forecast::Forecast;
 use super::plan::{self, Ahead, Motion};
+use crate::geometry::hypot;
 
 /// After a push, the way to the camera is not covered faster than in so many ticks.
 const CATCH_UP_TICKS: f64 = 2.0;
@@ -63,7 +64,7 @@ impl Drive {
             let seconds = i as f64 * self.tick_s - known_s;
             let (expected, error) = forecast.at(seconds);
             *place = (expected - camera) / half;
-            let believed = doubt * (error / half).hypot(tuning.least_deviation);
+            let believed = doubt * hypot(error / half, tuning.least_deviation);
             *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
         }
         let Motion { place, speed, acceleration, ticks: before } = self.motion;

@@ -23,7 +23,7 @@ mod normal;
 mod slope;
 
 use super::{Ends, Known, Motion, Pair};
-use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses};
+use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses, hypot};
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
 use filter::{Filter, MOST_POINTS, Prior};
@@ -297,7 +297,7 @@ impl Continuous {
     fn first_look(&self) -> [f64; 2] {
         let most = LONGEST_READOUT * self.interval_s;
         self.slope.readout().map_or([-most, most], |(readout, deviation)| {
-            let off = LOOK_DEVIATIONS * deviation.hypot(LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
+            let off = LOOK_DEVIATIONS * hypot(deviation, LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
             // a look that sees little rules out little
             let off = if off > LOOK_BLIND * self.interval_s { LOOK_DOUBT * off } else { off };
             [readout - off, readout + off].map(|edge| edge.clamp(-most, most))
@@ -349,10 +349,10 @@ impl Continuous {
         let deviations = self.globals.deviations();
         let by_times = self.calibration.readout_s * self.unevenness.deviation();
         if self.unknown[0] {
-            self.calibration.readout_deviation_s = deviations[0].hypot(by_times).hypot(readout - shift[0]);
+            self.calibration.readout_deviation_s = hypot(hypot(deviations[0], by_times), readout - shift[0]);
         }
         if self.unknown[1] {
-            self.calibration.hfov_deviation_deg = deviations[1].hypot(log_focal - shift[1]) * self.degrees_per_log_focal();
+            self.calibration.hfov_deviation_deg = hypot(deviations[1], log_focal - shift[1]) * self.degrees_per_log_focal();
         }
     }
 
@@ -452,7 +452,7 @@ impl Continuous {
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         // a picture that hardly moves says nothing of the camera, but its noise would; nor does one whose speed is not known
-        let moved_px = self.camera.focal * turn[0].hypot(turn[3]).max(turn[1].hypot(turn[4]));
+        let moved_px = self.camera.focal * hypot(turn[0], turn[3]).max(hypot(turn[1], turn[4]));
         let share =
             if self.unknown == [false; 2] || self.timed.is_none() { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
         self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MOST_OFF));
@@ -507,7 +507,7 @@ impl Continuous {
         let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
         // what the covariance says of the motion to this frame's middle row; a few dark or blurred points leave it wide
         let deviation = self.filter.deviation(before_s + self.middle(), self.now_s + self.middle());
-        let deviation_px = self.camera.focal * deviation[0].hypot(deviation[1]);
+        let deviation_px = self.camera.focal * hypot(deviation[0], deviation[1]);
         ramp(sum, 6.0, 30.0) * ramp(share, 0.15, 0.4) * ramp(deviation_px, DOUBTFUL_PX[1], DOUBTFUL_PX[0])
     }
 }

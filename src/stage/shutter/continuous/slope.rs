@@ -7,7 +7,7 @@
 //! sin(wT) / (wT) of the change of speed; w is known from how much the turns bend (second difference: 4 sin(wT/2)^2 of the turn). For a mix of
 //! frequencies that is roughly right, so this is a first look, and no more.
 
-use crate::geometry::Pose;
+use crate::geometry::{Pose, hypot};
 
 /// Seconds for which pairs are remembered.
 const MEMORY_S: f64 = 6.0;
@@ -47,7 +47,7 @@ impl Slope {
             return;
         }
         let changes: [f64; 2] = std::array::from_fn(|i| 0.5 * (newest.turn[i] - first.turn[i]));
-        if changes[0].hypot(changes[1]) < least {
+        if hypot(changes[0], changes[1]) < least {
             return;
         }
         let keep = (-interval_s / MEMORY_S).exp();

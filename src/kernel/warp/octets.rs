@@ -1,0 +1,220 @@
+//! Rows by octets, for the instruction sets that draw eight pixels at once: which lines allow it, and where their octets lie.
+//!
+//! Eight neighbours on a line that is not much longer than they are lie within sixteen bytes of each row, and, where the line is not
+//! too steep, within three rows (bicubic: five). So nothing is gathered: each octet loads its own sixteen bytes of each row, and
+//! pixels are shuffled out of them.
+//!
+//! All here is compiled for the instruction set that calls it: it is inlined into functions that have been told of it.
+
+use std::ops::Range;
+
+use super::{Cells, Filter, HALF_STEP, MARGIN, is_inside, scalar};
+use crate::image::PlaneRef;
+
+/// Pixels of a block: two octets.
+pub(super) const BLOCK: usize = 16;
+/// Pixels of an octet.
+pub(super) const OCTET: usize = 8;
+/// The largest step along x, bilinear and bicubic: eight pixels then span no more than fifteen bytes, their neighbours included.
+const LONGEST: [i32; 2] = [7 << 14, 6 << 14];
+/// The largest step along y, either way: eight pixels then lie between three rows at most.
+const STEEPEST: i32 = (1 << 16) / 8;
+/// Bytes that are loaded of each row of an octet.
+const LOAD: usize = 16;
+/// Rows that are loaded of an octet at most: four, and one more where it is steep.
+const MOST_ROWS: i64 = 5;
+/// Cells whose octets are found at a time.
+pub(super) const CHUNK: usize = 32;
+
+/// An instruction set that draws octets.
+pub(super) trait Draw: Sized {
+    /// Calls [`cells_of`], compiled for these instructions.
+    ///
+    /// # Safety
+    /// The processor has them.
+    unsafe fn cells<const BLOCKS: usize, const CUBIC: bool>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]);
+
+    /// Draws the cells.
+    ///
+    /// # Safety
+    /// The processor has these instructions. The octets are those of these lines, which [fit](Lines::fit);
+    /// [`furthest`](Octets::furthest) lies in the plane's samples.
+    unsafe fn draw<const BLOCKS: usize, const CUBIC: bool>(
+        octets: &Octets<BLOCKS, CUBIC>,
+        plane: PlaneRef<'_>,
+        lines: &Lines,
+        out: &mut [u8],
+    );
+}
+
+/// Draws a row as [`super::row`] does; `out` is no longer than the cells.
+///
+/// # Safety
+/// The processor has the instructions of `D`.
+pub(super) unsafe fn row<D: Draw>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match (cells.wide, cells.filter) {
+            (16, Filter::Bilinear) => D::cells::<1, false>(plane, cells, out),
+            (32, Filter::Bilinear) => D::cells::<2, false>(plane, cells, out),
+            (64, Filter::Bilinear) => D::cells::<4, false>(plane, cells, out),
+            (16, Filter::Bicubic) => D::cells::<1, true>(plane, cells, out),
+            (32, Filter::Bicubic) => D::cells::<2, true>(plane, cells, out),
+            (64, Filter::Bicubic) => D::cells::<4, true>(plane, cells, out),
+            _ => super::row_scalar(plane, cells, out),
+        }
+    }
+}
+
+/// As [`row`], for cells of `BLOCKS` blocks.
+///
+/// # Safety
+/// The processor has the instructions of `D`.
+#[inline(always)]
+pub(super) unsafe fn cells_of<D: Draw, const BLOCKS: usize, const CUBIC: bool>(
+    plane: PlaneRef<'_>,
+    cells: Cells<'_>,
+    out: &mut [u8],
+) {
+    let mut octets = Octets::<BLOCKS, CUBIC>::new();
+    let count = out.len().div_ceil(cells.wide);
+    for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
+        // SAFETY: the caller's promise.
+        if unsafe { octets.drawn::<D>(plane, cells, &Lines::of(cells, n..count.min(n + CHUNK)), out) } {
+            continue;
+        }
+        for (i, out) in out.chunks_mut(cells.wide).enumerate() {
+            // SAFETY: as above.
+            if !unsafe { octets.drawn::<D>(plane, cells, &Lines::of(cells, n + i..n + i + 1), out) } {
+                scalar(plane, cells.line(n + i), cells, out);
+            }
+        }
+    }
+}
+
+/// The lines of some cells; those beyond `count` repeat the last.
+pub(super) struct Lines {
+    count: usize,
+    start: [[i32; CHUNK]; 2],
+    /// Steps (x, y) of each cell's line.
+    pub(super) step: [[i32; CHUNK]; 2],
+}
+
+impl Lines {
+    /// The lines of at most [`CHUNK`] cells, at least one.
+    #[inline(always)]
+    fn of(cells: Cells<'_>, range: Range<usize>) -> Self {
+        let last = cells.line(range.end - 1);
+        let mut lines = Self { count: range.len(), start: last.start.map(|x| [x; CHUNK]), step: last.step.map(|x| [x; CHUNK]) };
+        for axis in 0..2 {
+            lines.start[axis][..range.len()].copy_from_slice(&cells.start[axis][range.clone()]);
+            lines.step[axis][..range.len()].copy_from_slice(&cells.step[axis][range.clone()]);
+        }
+        lines
+    }
+
+    /// The least and the greatest of the starts, of the steps and of the ends of lines of `wide` pixels, along an axis.
+    #[inline(always)]
+    fn ranges(&self, axis: usize, wide: usize) -> [[i32; 2]; 3] {
+        let mut ranges = [[i32::MAX, i32::MIN]; 3];
+        for (&start, &step) in self.start[axis].iter().zip(&self.step[axis]) {
+            let end = start.wrapping_add(step.wrapping_mul(wide as i32 - 1));
+            for (range, number) in ranges.iter_mut().zip([start, step, end]) {
+                *range = [range[0].min(number), range[1].max(number)];
+            }
+        }
+        ranges
+    }
+
+    /// Whether every pixel of these cells, with its neighbours, lies inside the plane, their lines are as short and flat as octets
+    /// need, and what [`Octets::find`] computes fits its 32 bits.
+    #[inline(always)]
+    fn fit(&self, plane: PlaneRef<'_>, cells: Cells<'_>) -> bool {
+        let (wide, longest) = (cells.wide, LONGEST[cells.filter.reach() as usize]);
+        let [xs, dxs, x_ends] = self.ranges(0, wide);
+        let [ys, dys, y_ends] = self.ranges(1, wide);
+        // steps this short and starts this near cannot have overflowed on their way to the ends
+        let near = xs[0].min(ys[0]) >= MARGIN && xs[1].max(ys[1]) < 1 << 30;
+        if !(near && dxs[0] >= 0 && dxs[1] <= longest && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
+            return false;
+        }
+        let low = [xs[0].min(x_ends[0]), ys[0].min(y_ends[0])].map(i64::from);
+        let high = [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])].map(i64::from);
+        let rows = ((high[1] >> 16) + MOST_ROWS).saturating_mul(plane.stride() as i64);
+        let furthest = rows.saturating_add(high[0] >> 16).saturating_add(2 * LOAD as i64);
+        is_inside(plane, cells.filter, [low, high]) && furthest < i64::from(i32::MAX)
+    }
+}
+
+/// Where the octets of some cells begin: by block, by half of a block, by cell.
+pub(super) struct Octets<const BLOCKS: usize, const CUBIC: bool> {
+    /// Sample of the leftmost column in the uppermost row.
+    pub(super) at: [[[u32; CHUNK]; 2]; BLOCKS],
+    /// The first pixel's place from there on (bicubic: from a column and a row further): x in the low half, y in the high one, 1/4096.
+    pub(super) place: [[[u32; CHUNK]; 2]; BLOCKS],
+    /// Not 0 where the octet touches one row more.
+    pub(super) steep: [[[i32; CHUNK]; 2]; BLOCKS],
+}
+
+impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
+    /// Rows that are loaded of a block of flat octets; of one with a steep octet, one more.
+    const ROWS: usize = if CUBIC { 4 } else { 2 };
+
+    fn new() -> Self {
+        Self { at: [[[0; CHUNK]; 2]; BLOCKS], place: [[[0; CHUNK]; 2]; BLOCKS], steep: [[[0; CHUNK]; 2]; BLOCKS] }
+    }
+
+    /// Draws the cells of `lines` into `out`, unless octets cannot: then `out` is as it was, and `false` is returned.
+    ///
+    /// # Safety
+    /// The processor has the instructions of `D`.
+    #[inline(always)]
+    unsafe fn drawn<D: Draw>(&mut self, plane: PlaneRef<'_>, cells: Cells<'_>, lines: &Lines, out: &mut [u8]) -> bool {
+        if out.len() != lines.count * cells.wide || !lines.fit(plane, cells) {
+            return false;
+        }
+        self.find(plane.stride(), lines);
+        if self.furthest(plane.stride()) > plane.samples().len() {
+            return false;
+        }
+        // SAFETY: the caller's promise; and all that `draw` loads ends at `furthest` at the latest, which lies in the plane's samples.
+        unsafe { D::draw(self, plane, lines, out) };
+        true
+    }
+
+    /// The end of the furthest of the samples that [`Draw::draw`] loads, counted from the plane's first.
+    #[inline(always)]
+    fn furthest(&self, stride: usize) -> usize {
+        let mut furthest = 0;
+        for ([first, second], [steep, other]) in self.at.iter().zip(&self.steep) {
+            for i in 0..CHUNK {
+                // one steep octet makes its whole block load a row more; `fit` saw to it that nothing overflows
+                let more = if steep[i] | other[i] == 0 { 0 } else { stride as u32 };
+                furthest = furthest.max(first[i].max(second[i]) + more);
+            }
+        }
+        furthest as usize + (Self::ROWS - 1) * stride + LOAD
+    }
+
+    /// Finds the octets of lines that [fit](Lines::fit).
+    #[inline(always)]
+    fn find(&mut self, stride: usize, lines: &Lines) {
+        let ([xs, ys], [dxs, dys]) = (&lines.start, &lines.step);
+        let first_sample = i32::from(CUBIC) * (stride as i32 + 1);
+        for b in 0..BLOCKS {
+            for half in 0..2 {
+                let (at, place, steep) = (&mut self.at[b][half], &mut self.place[b][half], &mut self.steep[b][half]);
+                let first = (BLOCK * b + OCTET * half) as i32;
+                for i in 0..CHUNK {
+                    let x = xs[i] + first * dxs[i] + HALF_STEP;
+                    let y = (ys[i] + first * dys[i]) & !15;
+                    let end = y + (OCTET as i32 - 1) * (dys[i] & !15);
+                    let row = y.min(end) >> 16;
+                    at[i] = (row * stride as i32 + (x >> 16) - first_sample) as u32;
+                    place[i] = ((x & 0xffff) >> 4 | (y - (row << 16)) >> 4 << 16) as u32;
+                    steep[i] = (y.max(end) >> 16) - row;
+                }
+            }
+        }
+    }
+}
