@@ -22,7 +22,7 @@ pub enum Exit {
     BadData = 65,
     /// An input file is not there or cannot be opened.
     NoInput = 66,
-    /// A device or the service is not there, in use, or cannot do what was asked.
+    /// A device, the service or another program (ffmpeg) is not there, in use, or cannot do what was asked.
     Unavailable = 69,
     /// An output file cannot be created.
     CannotCreate = 73,
@@ -44,7 +44,7 @@ impl Exit {
         (Self::Usage, "the command line was not understood"),
         (Self::BadData, "an input file is damaged or of a kind that gimbald does not read"),
         (Self::NoInput, "an input file is not there or cannot be opened"),
-        (Self::Unavailable, "a device or the service is not there, in use, or cannot do what was asked"),
+        (Self::Unavailable, "a device, the service or another program is not there, in use, or cannot do what was asked"),
         (Self::CannotCreate, "an output file cannot be created"),
         (Self::Io, "reading or writing failed midway, as on a full disk"),
         (Self::Inconclusive, "calibrate saw too little motion to be sure; try again with more"),

@@ -1,6 +1,6 @@
-//! Samples of full range to limited range.
+//! Samples of full range to limited range, and back.
 
-use crate::image::{PlaneMut, PlaneRef, ToLimited};
+use crate::image::{PlaneMut, PlaneRef, ToFull, ToLimited};
 use crate::kernel::{Level, dispatch};
 
 /// Writes `from`, brought to limited range, into `into`, as many rows and columns as both have.
@@ -14,6 +14,23 @@ pub fn to_limited(level: Level, map: ToLimited, from: PlaneRef<'_>, mut into: Pl
 pub fn to_limited_in_place(level: Level, map: ToLimited, mut plane: PlaneMut<'_>) {
     for row in 0..plane.height() {
         line_in_place(level, map, plane.row_mut(row));
+    }
+}
+
+/// Fills `into` with `from`, brought from limited to full range. Where `into` is larger, the last column and row are repeated; where
+/// `from` is empty, it stays as it is.
+pub fn to_full(map: ToFull, from: PlaneRef<'_>, mut into: PlaneMut<'_>) {
+    if from.width() == 0 || from.height() == 0 {
+        return;
+    }
+    let table: [u8; 256] = std::array::from_fn(|sample| map.apply(sample as u8));
+    for y in 0..into.height() {
+        let row = from.row(y.min(from.height() - 1));
+        let last = row[row.len() - 1];
+        let samples = row.iter().chain(std::iter::repeat(&last));
+        for (out, &sample) in into.row_mut(y).iter_mut().zip(samples) {
+            *out = table[usize::from(sample)];
+        }
     }
 }
 
