@@ -207,7 +207,7 @@ fn what_cannot_be_done_is_said_with_its_exit_code() {
     bad(64, &["Usage"], &[]);
     bad(64, &["stabilise"], &["stabilise"]);
     bad(64, &["--output"], &["replay", CAR]);
-    bad(64, &["out.mp4", ".y4m", ".gbr"], &["replay", CAR, "-o", "out.mp4"]);
+    bad(64, &["out.xyz", ".mp4", ".y4m", ".gbr"], &["replay", CAR, "-o", "out.xyz"]);
     bad(66, &["missing.y4m", "No such file"], &["replay", "missing.y4m", "-o", &out]);
     bad(66, &["src", "directory"], &["replay", "src", "-o", &out]);
     bad(64, &["two outputs"], &["replay", CAR, "-o", "-", "--compare=-"]);

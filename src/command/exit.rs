@@ -22,7 +22,7 @@ pub enum Exit {
     BadData = 65,
     /// An input file is not there or cannot be opened.
     NoInput = 66,
-    /// A device or the service is not there, in use, or cannot do what was asked.
+    /// A device, the service or another program (ffmpeg) is not there, in use, or cannot do what was asked.
     Unavailable = 69,
     /// An output file cannot be created.
     CannotCreate = 73,
@@ -44,7 +44,7 @@ impl Exit {
         (Self::Usage, "invalid command line"),
         (Self::BadData, "an input file is damaged or has an unsupported format"),
         (Self::NoInput, "an input file does not exist or cannot be opened"),
-        (Self::Unavailable, "a device or the service is not available, is in use, or does not support the request"),
+        (Self::Unavailable, "a device, the service or another program is not available, is in use, or does not support the request"),
         (Self::CannotCreate, "an output file cannot be created"),
         (Self::Io, "reading or writing failed, e.g. the disk is full"),
         (Self::Inconclusive, "calibrate saw too little motion for a reliable result"),

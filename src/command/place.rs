@@ -9,6 +9,8 @@ use super::{Exit, Failure};
 use crate::device::digest::DigestSink;
 use crate::device::null::NullSink;
 use crate::device::recording::RecordingSink;
+use crate::device::video::ffmpeg::{self, FfmpegSink, Origin};
+use crate::device::video::{Container, ENDINGS, MjpegSink};
 use crate::device::y4m::Y4mSink;
 use crate::device::{FrameSink, Output, StreamFormat, private};
 
@@ -46,11 +48,27 @@ fn same(a: &Path, b: &Path) -> bool {
 /// The ending of a recording's name.
 pub(super) const RECORDING: &str = "gbr";
 
+/// How a video file is to be made.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Making<'a> {
+    /// An encoder of ffmpeg's; `None`: the file's usual one.
+    pub(super) codec: Option<&'a str>,
+    /// The video file that the pictures are made from.
+    pub(super) origin: Option<&'a Origin>,
+}
+
 /// Opens a place for pictures of frames of `format`, by its name.
 ///
 /// # Errors
 /// A name that does not say what to write, or a file that cannot be created.
-pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn FrameSink>, Failure> {
+pub(super) fn open_sink(path: &Path, format: &StreamFormat, making: Making<'_>) -> Result<Box<dyn FrameSink>, Failure> {
+    if let Some(container) = Container::of(path) {
+        let own = container == Container::Avi && making.codec.is_none() && !ffmpeg::is_installed();
+        return Ok(match own {
+            true => Box::new(MjpegSink::create(path, format)?),
+            false => Box::new(FfmpegSink::create(path, container, format, making.codec, making.origin)?),
+        });
+    }
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("").to_ascii_lowercase();
     Ok(match (path.to_str(), extension.as_str()) {
         (Some("-"), _) | (_, "y4m") => Box::new(Y4mSink::create(path, format)?),
@@ -59,7 +77,7 @@ pub(super) fn open_sink(path: &Path, format: &StreamFormat) -> Result<Box<dyn Fr
         (_, RECORDING) => Box::new(RecordingSink::create(path, format)?),
         _ => {
             let what = format!(
-                "{}: unknown output format; use a name that ends in .y4m or .{RECORDING}, or - (y4m on standard output), \
+                "{}: unknown output format; use a name that ends in {ENDINGS}, .y4m or .{RECORDING}, or - (y4m on standard output), \
                  digest: or null:",
                 path.display()
             );

@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
-use super::place::{ReportFile, all_differ, open_sink};
+use super::place::{Making, RECORDING, ReportFile, all_differ, open_sink};
 use super::print::warn;
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
 use crate::device::null::NullSink;
+use crate::device::video::ffmpeg::Turn;
+use crate::device::video::{Container, ENDINGS};
 use crate::device::{FrameSink, replay};
 use crate::pipeline::{Totals, run_inline};
 use crate::report::{Compare, Report, compare_format};
@@ -15,13 +17,18 @@ use crate::report::{Compare, Report, compare_format};
 /// Arguments of `replay`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Input: a y4m file, a recording (.gbr), or - for standard input
+    /// Input: a video file (read with ffmpeg), a y4m file, a recording (.gbr), or - for y4m or a recording on
+    /// standard input
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Output: a .y4m file, a recording (.gbr), - for y4m on standard output,
-    /// digest: for one line per frame on standard output, null: for none
+    /// Output: a video file (.mp4, .mov, .mkv, .webm need ffmpeg, which also copies the sound; .avi does not),
+    /// a .y4m file, a recording (.gbr), - for y4m on standard output, digest: for one line per frame on standard
+    /// output, null: for none
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    /// ffmpeg encoder for video files, e.g. libx265; default: the usual one of each format
+    #[arg(long, value_name = "NAME")]
+    codec: Option<String>,
     /// Settings of the camera and the stabilization
     #[command(flatten)]
     settings: SettingsArgs,
@@ -50,13 +57,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let outputs: Vec<&Path> = reports.chain([&args.output]).map(PathBuf::as_path).collect();
     all_differ(&args.input, &outputs)?;
 
-    let mut source = replay::open(&args.input)?;
+    if args.codec.is_some() && !outputs.iter().any(|path| Container::of(path).is_some()) {
+        let what = format!("--codec is for video files; end the name of an output in {ENDINGS}");
+        return Err(Failure::new(Exit::Usage, what));
+    }
+    let (mut source, origin) = replay::open_with_origin(&args.input)?;
     let format = source.format();
+    let making = Making { codec: args.codec.as_deref(), origin: origin.as_ref() };
     let stop = stop_on_signal(None)?;
     let (mut sink, compare): (Box<dyn FrameSink>, _) = match &args.compare {
-        None => (open_sink(&args.output, &format)?, None),
-        Some(None) => (Box::new(NullSink::new(&format)), Some(open_sink(&args.output, &compare_format(&format))?)),
-        Some(Some(path)) => (open_sink(&args.output, &format)?, Some(open_sink(path, &compare_format(&format))?)),
+        None => (open_sink(&args.output, &format, making)?, None),
+        Some(None) => (Box::new(NullSink::new(&format)), Some(open_sink(&args.output, &compare_format(&format), making)?)),
+        Some(Some(path)) => {
+            (open_sink(&args.output, &format, making)?, Some(open_sink(path, &compare_format(&format), making)?))
+        }
     };
     let mut watch = Watch::new("stabilizing", source.frames(), stop.clone());
     watch.compare = compare.map(|sink| Compare::new(sink, stop.clone()));
@@ -76,7 +90,23 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = format!("interrupted after {} frames; the output contains these", totals.frames_out);
         return Err(Failure::new(Exit::Interrupted, what));
     }
+    if let Some(complaint) = source.complaint() {
+        warn(&format!("{}: {complaint}", args.input.display()));
+    }
+    if let Some(origin) = origin.filter(|origin| origin.turn != Turn::None)
+        && outputs.iter().any(|path| is_unturned(path))
+    {
+        warn(&format!(
+            "{}: it is to be shown turned, which y4m and .gbr cannot say; name the output as a video file to have it upright",
+            origin.path.display()
+        ));
+    }
     judged(&args.input, &args.output, &totals)
+}
+
+/// Whether pictures are written there as the camera's sensor read them, although they are to be shown turned.
+fn is_unturned(output: &Path) -> bool {
+    output.as_os_str() == "-" || output.extension().is_some_and(|extension| extension == "y4m" || extension == RECORDING)
 }
 
 /// Says what could not be shown.

@@ -15,6 +15,7 @@ pub mod recording;
 pub mod rehearsal;
 pub mod replay;
 pub mod synthetic;
+pub mod video;
 pub mod y4m;
 
 pub mod v4l2;
@@ -137,6 +138,11 @@ pub trait FrameSource: Send {
     /// [`DeviceError`] where the device is gone or the file damaged beyond this point; a single damaged frame is no error but a
     /// frame with [`crate::frame::FrameFlags::ERROR`].
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError>;
+
+    /// Once the stream has ended: what was damaged in it and could be read all the same, for people; `None` where nothing was.
+    fn complaint(&self) -> Option<&str> {
+        None
+    }
 }
 
 /// Takes pictures.

@@ -94,6 +94,33 @@ impl ToLimited {
     pub const CHROMA: Self = Self { gain: 224, offset: 143 + 127, base: 15 };
 }
 
+/// A sample of limited range becomes the nearest of full range to `gain (n - zero) / span + zero_full`, kept within 0 to 255: the
+/// inverse of [`ToLimited`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ToFull {
+    /// Steps of limited range that 255 steps of full range have.
+    span: i32,
+    /// The sample that stays where it is, or becomes 0.
+    zero: i32,
+    /// What it becomes.
+    zero_full: i32,
+}
+
+impl ToFull {
+    /// Luma: 255/219 (n - 16).
+    pub const LUMA: Self = Self { span: 219, zero: 16, zero_full: 0 };
+    /// Chroma: 128 + 255/224 (n - 128).
+    pub const CHROMA: Self = Self { span: 224, zero: 128, zero_full: 128 };
+
+    /// The sample of full range.
+    pub fn apply(self, sample: u8) -> u8 {
+        let scaled = 255 * (i32::from(sample) - self.zero);
+        // Halves away from zero.
+        let rounded = (scaled + scaled.signum() * self.span / 2) / self.span;
+        (rounded + self.zero_full).clamp(0, 255) as u8
+    }
+}
+
 /// Weights of R, G, B in luma and in each of chroma, and what is added: in 1/256 of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FromRgb {
@@ -145,6 +172,20 @@ mod tests {
             let chroma = 128.0 + 224.0 / 255.0 * (f64::from(n) - 128.0);
             assert!((f64::from(apply(ToLimited::CHROMA)) - chroma).abs() <= 0.51, "chroma {n}");
         }
+    }
+
+    #[test]
+    fn limited_range_becomes_the_nearest_full_value_and_back() {
+        for n in 0..=255u8 {
+            let exact = (255.0 / 219.0 * (f64::from(n) - 16.0)).clamp(0.0, 255.0);
+            assert!((f64::from(ToFull::LUMA.apply(n)) - exact).abs() <= 0.51, "luma {n}");
+            let exact = (128.0 + 255.0 / 224.0 * (f64::from(n) - 128.0)).clamp(0.0, 255.0);
+            assert!((f64::from(ToFull::CHROMA.apply(n)) - exact).abs() <= 0.51, "chroma {n}");
+        }
+        let limited =
+            |map: ToLimited, n: u8| map.base + ((u32::from(map.gain) * u32::from(n) + u32::from(map.offset)) / 255) as u8;
+        assert!((16..=235).all(|n| limited(ToLimited::LUMA, ToFull::LUMA.apply(n)) == n));
+        assert!((16..=240).all(|n| limited(ToLimited::CHROMA, ToFull::CHROMA.apply(n)) == n));
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod picture;
 mod plane;
 mod raw;
 
-pub use colour::{BLACK, Colour, FromRgb, Range, Siting, ToLimited, rgb};
+pub use colour::{BLACK, Colour, FromRgb, Range, Siting, ToFull, ToLimited, rgb};
 pub use format::{MOST_COMPRESSED_PIXELS, PixelFormat};
 pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};

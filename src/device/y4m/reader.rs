@@ -67,8 +67,11 @@ impl Y4mSource {
         Ok(Self { input, header, frames, frame_bytes, bytes, widened, line, next: 0, ended: false })
     }
 
-    /// Reads the next frame into `self.bytes`; `false` at the end.
-    fn read_frame(&mut self) -> Result<bool, DeviceError> {
+    /// Reads the next frame, whose bytes [`Self::bytes`] then has; `false` at the end.
+    ///
+    /// # Errors
+    /// As [`FrameSource::lend`].
+    pub(in crate::device) fn read_frame(&mut self) -> Result<bool, DeviceError> {
         let start = self.input.position();
         self.input.read_line(LONGEST_LINE, &mut self.line)?;
         if self.line.is_empty() {
@@ -101,6 +104,11 @@ impl Y4mSource {
             self.widen();
         }
         Ok(true)
+    }
+
+    /// The bytes of the frame that was read last.
+    pub(in crate::device) fn bytes(&self) -> &[u8] {
+        if self.header.is_411 { &self.widened } else { &self.bytes[..self.frame_bytes] }
     }
 
     /// Makes 4:2:2 of the 4:1:1 frame that was read.
@@ -150,7 +158,6 @@ impl FrameSource for Y4mSource {
         let format = self.header.format;
         let stamp = Stamp { time_ns: format.nominal_time_ns(self.next), sequence: self.next, flags: FrameFlags::default() };
         self.next += 1;
-        let bytes = if self.header.is_411 { &self.widened[..] } else { &self.bytes[..self.frame_bytes] };
-        Ok(Lent::Frame(RawFrame { format, bytes, stamp }))
+        Ok(Lent::Frame(RawFrame { format, bytes: self.bytes(), stamp }))
     }
 }

@@ -1,6 +1,6 @@
-//! Samples of full range to limited range.
+//! Samples of full range to limited range, and back.
 
-use crate::image::{PlaneMut, PlaneRef, ToLimited};
+use crate::image::{PlaneMut, PlaneRef, ToFull, ToLimited};
 use crate::kernel::{Level, dispatch};
 
 /// Writes `from`, brought to limited range, into `into`, as many rows and columns as both have.
@@ -14,6 +14,16 @@ pub fn to_limited(level: Level, map: ToLimited, from: PlaneRef<'_>, mut into: Pl
 pub fn to_limited_in_place(level: Level, map: ToLimited, mut plane: PlaneMut<'_>) {
     for row in 0..plane.height() {
         line_in_place(level, map, plane.row_mut(row));
+    }
+}
+
+/// Writes `from`, brought from limited to full range, into `into`: rows one after the other, without padding, as many as both have.
+pub fn to_full(map: ToFull, from: PlaneRef<'_>, into: &mut [u8]) {
+    let table: [u8; 256] = std::array::from_fn(|sample| map.apply(sample as u8));
+    for (y, row) in into.chunks_exact_mut(from.width().max(1)).take(from.height()).enumerate() {
+        for (out, &sample) in row.iter_mut().zip(from.row(y)) {
+            *out = table[usize::from(sample)];
+        }
     }
 }
 
