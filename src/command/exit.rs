@@ -44,7 +44,10 @@ impl Exit {
         (Self::Usage, "invalid command line"),
         (Self::BadData, "an input file is damaged or has an unsupported format"),
         (Self::NoInput, "an input file does not exist or cannot be opened"),
-        (Self::Unavailable, "a device, the service or another program is not available, is in use, or does not support the request"),
+        (
+            Self::Unavailable,
+            "a device, the service or another program is not available, is in use, or does not support the request",
+        ),
         (Self::CannotCreate, "an output file cannot be created"),
         (Self::Io, "reading or writing failed, e.g. the disk is full"),
         (Self::Inconclusive, "calibrate saw too little motion for a reliable result"),
