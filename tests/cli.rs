@@ -258,9 +258,9 @@ fn the_input_is_never_overwritten() {
     let (input, link) = (scratch.file("in.gbr"), scratch.file("link.gbr"));
     fs::copy(CAR, &input).unwrap();
     std::os::unix::fs::symlink(&input, &link).unwrap();
-    bad(64, &["is the input"], &["replay", &input, "-o", &input]);
-    bad(64, &["is the input"], &["replay", &input, "-o", &link]);
-    bad(64, &["is the input"], &["replay", &input, "-o", "null:", "--trace", &link]);
+    bad(64, &["is also the input"], &["replay", &input, "-o", &input]);
+    bad(64, &["is also the input"], &["replay", &input, "-o", &link]);
+    bad(64, &["is also the input"], &["replay", &input, "-o", "null:", "--trace", &link]);
     bad(64, &["two outputs"], &["replay", &input, "-o", "null:", "--trace", "x.txt", "--stats", "x.txt"]);
     assert_eq!(fs::read(&input).unwrap(), fs::read(CAR).unwrap());
 }

@@ -103,7 +103,7 @@ impl Connection {
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => ClientError::HungUp { path: self.path.clone() },
             io::ErrorKind::WouldBlock => {
-                ClientError::Silent { path: self.path.clone(), what: format!("no response for {} s", PATIENCE.as_secs()) }
+                ClientError::Silent { path: self.path.clone(), what: format!("no reply for {} s", PATIENCE.as_secs()) }
             }
             _ => ClientError::Silent { path: self.path.clone(), what: error.to_string() },
         };

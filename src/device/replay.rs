@@ -95,6 +95,6 @@ mod tests {
         let said = open(Path::new("src")).err().map(|error| error.to_string()).unwrap_or_default();
         assert!(said.starts_with("src: cannot read: "), "{said}");
         let said = open(Path::new("Cargo.toml")).err().map(|error| error.to_string()).unwrap_or_default();
-        assert!(said.contains("neither y4m nor a recording") && said.contains("ffmpeg -i Cargo.toml"), "{said}");
+        assert!(said.contains("neither a y4m file nor a recording") && said.contains("ffmpeg -i Cargo.toml"), "{said}");
     }
 }

@@ -17,12 +17,12 @@ fn the_program_asks_and_changes() {
         assert!(text.starts_with("state          waiting for 0 s\n               for the camera\n"), "{text}");
         let json: serde_json::Value = serde_json::from_str(&said(&scratch.gimbald(&["status", "--json"]))).unwrap();
         assert_eq!((json["state"].as_str(), json["enabled"].as_bool()), (Some("waiting"), Some(true)));
-        assert_eq!(said(&scratch.gimbald(&["off"])), "off\n");
-        assert_eq!(said(&scratch.gimbald(&["off"])), "was off already\n");
+        assert_eq!(said(&scratch.gimbald(&["off"])), "stabilization off\n");
+        assert_eq!(said(&scratch.gimbald(&["off"])), "stabilization is already off\n");
         assert!(!state.live.params().enabled);
-        assert!(said(&scratch.gimbald(&["status"])).contains("switched off"));
+        assert!(said(&scratch.gimbald(&["status"])).contains("stabilization is off"));
         assert!(said(&scratch.gimbald(&["status", "--prometheus"])).contains("\ngimbald_enabled 0\n"));
-        assert_eq!(said(&scratch.gimbald(&["on"])), "on\n");
+        assert_eq!(said(&scratch.gimbald(&["on"])), "stabilization on\n");
         let set = said(&scratch.gimbald(&["set", "crop.zoom=1.3", "smooth.mode=iir"]));
         assert_eq!(set, "crop.zoom=1.3: set\nsmooth.mode=iir: set\n");
         assert_eq!(state.live.params().crop.zoom, 1.3);
@@ -115,7 +115,7 @@ fn what_is_no_request_is_named_and_the_connection_goes_on() {
             ("{\"launch\":1}", RefusalKind::Request, "launch"),
             ("{\"set\":", RefusalKind::Request, "EOF"),
             ("", RefusalKind::Request, "the line is empty"),
-            ("status please", RefusalKind::Request, "status takes nothing after it"),
+            ("status please", RefusalKind::Request, "status takes no arguments"),
             ("set crop.zoom", RefusalKind::Request, "KEY=VALUE"),
             ("set crop.zooom=1.2", RefusalKind::Setting, "did you mean crop.zoom"),
             ("set camera.fps=15", RefusalKind::Setting, "restart"),

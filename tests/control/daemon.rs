@@ -149,7 +149,7 @@ fn a_signal_has_the_configuration_read_again() {
     daemon.signal(Signal::STOP);
     let silent = daemon.scratch.gimbald(&["status"]);
     daemon.signal(Signal::CONT);
-    assert!(String::from_utf8_lossy(&silent.stderr).contains("does not respond: no response for 5 s"), "{silent:?}");
+    assert!(String::from_utf8_lossy(&silent.stderr).contains("does not respond: no reply for 5 s"), "{silent:?}");
 }
 
 #[test]
