@@ -36,7 +36,7 @@ use heartbeat::{Heartbeat, run_watchdog};
 use monitored_source::{MonitoredSource, Notes};
 use output::{LiveOutput, SHOW_EVERY};
 use recovery::{Recovery, RejectedFormats, Step};
-use words::{camera_now, in_words, tell_of, told_stream};
+use words::{camera_now, in_words, tell_of, tell_of_companions, told_stream};
 
 /// From the first try again to the slowest.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
@@ -118,6 +118,7 @@ pub fn run(state: &Arc<DaemonState>, stop: &Stop, wake: &Notifier) -> Result<Exi
         }
         let _served = NotifyOnDrop(&served);
         if let Some(pictures) = &pictures {
+            tell_of_companions(pictures.companions(), state);
             let serving = || pictures.serve(&served, &|| companions::locate(settings, &cameras));
             let serving = std::thread::Builder::new().name("pictures".into()).spawn_scoped(scope, serving);
             serving.map_err(|error| DeviceError::io("pictures thread", "start", error))?;
@@ -139,6 +140,7 @@ pub fn run(state: &Arc<DaemonState>, stop: &Stop, wake: &Notifier) -> Result<Exi
             recovery: Recovery::new(),
             formats_left: RejectedFormats::default(),
             report: ExitReport::default(),
+            latest: None,
         };
         let ended = supervisor.run();
         state.metrics.set_phase(Phase::Stopping, "stopping");
@@ -190,6 +192,8 @@ struct Supervisor<'a> {
     recovery: Recovery,
     formats_left: RejectedFormats,
     report: ExitReport,
+    /// The format of the last stream, until the output has its size.
+    latest: Option<StreamFormat>,
 }
 
 /// How long to wait for what is not there, and what was said of it.
@@ -226,7 +230,8 @@ impl Supervisor<'_> {
                 StreamEnd::OutputUnavailable(error) => {
                     self.output = None;
                     self.state.metrics.clear_output();
-                    self.tell(format!("waiting for the loopback: {error}"));
+                    let or = if self.companions.is_some() { ", or for a PipeWire companion (gimbald pipewire)" } else { "" };
+                    self.tell(format!("waiting for the loopback{or}: {error}"));
                     self.wait();
                 }
             }
@@ -236,6 +241,12 @@ impl Supervisor<'_> {
 
     /// Opens what is missing and streams, or rests, until something ends it.
     fn go_on(&mut self) -> StreamEnd {
+        let output = self.output.as_ref();
+        let kept = |format: &mut StreamFormat| output.is_some_and(|output| !output.suits(format));
+        if !self.is_wanted() && self.latest.take_if(kept).is_some() {
+            // Programs that held the size of another camera have left.
+            self.output = None;
+        }
         if self.output.is_none()
             && let Some(ended) = self.open_output()
         {
@@ -317,6 +328,7 @@ impl Supervisor<'_> {
         self.report.cameras += 1;
         self.cameras.opened(camera.path());
         let format = camera.format();
+        self.latest = Some(format);
         if let Some(companions) = self.companions {
             companions.camera_is(camera.path());
         }
@@ -527,7 +539,8 @@ impl Supervisor<'_> {
             if self.output.is_none() && connected() > before {
                 break;
             }
-            if self.born.elapsed() > READY_WITHOUT_CAMERA {
+            // A companion comes when a user logs in, which may be never: a service without a loopback is ready for one.
+            if self.born.elapsed() > READY_WITHOUT_CAMERA || (self.output.is_none() && self.companions.is_some()) {
                 self.heartbeat.ready();
             }
             if news == News::Devices {

@@ -66,6 +66,11 @@ macro_rules! switch {
     ($($field:ident).+) => { Kind::Switch { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
 }
 
+/// true, false or "auto" (`None`): `switch_or_auto!(path.to.field)`.
+macro_rules! switch_or_auto {
+    ($($field:ident).+) => { Kind::SwitchOrAuto { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
@@ -307,9 +312,9 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "output.pipewire",
         unit: "",
-        doc: "Whether gimbald pipewire, run in a user's session, may offer the picture as a PipeWire camera; needs no loopback.",
+        doc: "The picture as a PipeWire camera, offered by gimbald pipewire in a user's session: \"auto\" when that connects; true also starts without a loopback before it does; false never.",
         live: false,
-        kind: switch!(output.pipewire),
+        kind: switch_or_auto!(output.pipewire),
     },
     Key {
         name: "output.on_demand",

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::metrics::{AGE_BOUNDS_MS, Metrics, Phase};
-use super::{Drops, Found, Frames, Status};
+use super::{Drops, Found, Frames, PipewireInfo, Status};
 use crate::pipeline::Reason;
 
 /// Writes metrics one by one.
@@ -58,13 +58,19 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.gauge("uptime_seconds", "For how long the daemon runs.", status.uptime_s);
     text.gauge("enabled", "Whether shake is taken out.", f64::from(u8::from(status.enabled)));
     if let Some(watched) = status.watched {
-        text.gauge("watched", "Whether somebody watches the loopback or a PipeWire camera.", f64::from(u8::from(watched)));
+        text.gauge("watched", "Whether a program watches the loopback or a PipeWire camera.", f64::from(u8::from(watched)));
     }
     if let Some(watchers) = status.watchers {
-        text.gauge(
-            "watchers",
-            "How many programs watch the loopback, as far as v4l2loopback tells, and PipeWire cameras that are watched.",
-            f64::from(watchers),
+        text.gauge("watchers", "How many programs watch the loopback, as far as v4l2loopback tells.", f64::from(watchers));
+    }
+    if let Some(PipewireInfo { companions, watched, sent, dropped }) = status.pipewire {
+        text.gauge("pipewire_companions", "PipeWire companions that are connected.", f64::from(companions));
+        text.gauge("pipewire_watched", "PipeWire companions whose camera is watched.", f64::from(watched));
+        text.count("pipewire_sent_frames_total", "Pictures sent to PipeWire companions.", sent);
+        text.count(
+            "pipewire_dropped_frames_total",
+            "Pictures that a PipeWire companion missed: it had no memory free.",
+            dropped,
         );
     }
     text.gauge("frames_per_second", "Frames sent a second, of late.", status.fps);
@@ -131,6 +137,7 @@ mod tests {
         let mut status = Status::default();
         metrics.fill(&mut status);
         status.unusable_frames.insert("damaged".into(), 7);
+        status.pipewire = Some(PipewireInfo { companions: 2, watched: 1, sent: 30, dropped: 4 });
         let text = text(&status, &metrics);
         let mut family = "";
         for line in text.lines() {
@@ -146,6 +153,8 @@ mod tests {
             "gimbald_latency_seconds_bucket{le=\"1\"} 3\n",
             "gimbald_latency_seconds_bucket{le=\"+Inf\"} 4\n",
             "gimbald_latency_seconds_count 4\n",
+            "gimbald_pipewire_companions 2\n",
+            "gimbald_pipewire_dropped_frames_total 4\n",
             "camera_name=\"a \\\"b\\\"\\\\\\nc\"",
             "gimbald_state{state=\"starting\"} 1\n",
             "gimbald_state{state=\"idle\"} 0\n",

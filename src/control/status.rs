@@ -27,11 +27,13 @@ pub struct Status {
     pub camera: Option<CameraInfo>,
     /// Where the picture goes: the loopback, or PipeWire alone.
     pub output: Option<OutputInfo>,
-    /// Whether somebody watches the loopback or a PipeWire camera; `None` where there is neither.
+    /// Whether a program watches the loopback or a PipeWire camera; `None` where there is no output.
     pub watched: Option<bool>,
-    /// How many do: readers of the loopback, and PipeWire cameras that are watched (each by any number of programs). v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before, it does not tell: then this is how
-    /// often any loopback device is open beside the daemon's own opening, which is no less.
+    /// Readers of the loopback; `None` where there is none. v4l2loopback tells it from 0.13 on, and serves one at a time: 0 or 1. Before,
+    /// it does not tell: then this is how often any loopback device is open beside the daemon's own opening, which is no less.
     pub watchers: Option<u32>,
+    /// PipeWire companions; `None` where none may connect.
+    pub pipewire: Option<PipewireInfo>,
     /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub open_in: Vec<String>,
@@ -104,6 +106,20 @@ pub struct OutputInfo {
     pub width: u32,
     /// Pixels.
     pub height: u32,
+}
+
+/// PipeWire companions, and the pictures they got.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct PipewireInfo {
+    /// Companions that are connected: one in each user's session.
+    pub companions: u32,
+    /// Companions whose camera is watched, each by any number of programs.
+    pub watched: u32,
+    /// Pictures sent to companions, since the daemon began.
+    pub sent: u64,
+    /// Pictures that a companion missed because it had no memory free, since the daemon began.
+    pub dropped: u64,
 }
 
 /// How values of late are spread.
@@ -210,6 +226,25 @@ fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
+impl Status {
+    /// Who watches, by output, and the programs that have the loopback open.
+    fn watchers_in_words(&self, watched: bool) -> String {
+        let mut by = Vec::new();
+        match self.watchers {
+            None | Some(0) => {}
+            Some(1) => by.push("loopback by one program".to_owned()),
+            Some(count) => by.push(format!("loopback by up to {count} programs")),
+        }
+        match self.pipewire.map_or(0, |pipewire| pipewire.watched) {
+            0 => {}
+            1 => by.push("1 PipeWire camera".to_owned()),
+            count => by.push(format!("{count} PipeWire cameras")),
+        }
+        let by = if by.is_empty() { if watched { "yes" } else { "no" }.to_owned() } else { by.join(", ") };
+        if self.open_in.is_empty() { by } else { format!("{by}; open in {}", self.open_in.join(", ")) }
+    }
+}
+
 impl fmt::Display for Status {
     /// Some twenty lines for people.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -230,15 +265,15 @@ impl fmt::Display for Status {
             None => line("output", "not open")?,
         }
         if let Some(watched) = self.watched {
-            let by = match (watched, self.watchers) {
-                (false, _) => "by nobody".to_owned(),
-                (true, None) => "yes".to_owned(),
-                (true, Some(1)) => "by one program".to_owned(),
-                (true, Some(count)) => format!("by up to {count} programs"),
+            line("watched", &self.watchers_in_words(watched))?;
+        }
+        if let Some(PipewireInfo { companions, sent, dropped, .. }) = self.pipewire {
+            let connected = match companions {
+                0 => "no companion is connected".to_owned(),
+                1 => "1 companion".to_owned(),
+                count => format!("{count} companions"),
             };
-            let open_in =
-                if self.open_in.is_empty() { String::new() } else { format!("; open in {}", self.open_in.join(", ")) };
-            line("watched", &(by + &open_in))?;
+            line("pipewire", &format!("{connected}; {sent} pictures sent, {dropped} dropped"))?;
         }
         line("rate", &format!("{:.2} frames a second", self.fps))?;
         if let Some(Spread { p50, p99, max }) = self.latency_ms {
@@ -320,6 +355,7 @@ mod tests {
             restart: vec!["camera.device".into()],
             watched: Some(true),
             watchers: Some(1),
+            pipewire: Some(PipewireInfo { companions: 3, watched: 2, sent: 70, dropped: 1 }),
             open_in: vec!["zoom (12)".into()],
             ..Status::default()
         };
@@ -332,11 +368,14 @@ mod tests {
             "unusable       1 of 9 frames cannot be decoded: x \n",
             "not used       MJPG of C: nothing came\n",
             "camera.device",
-            "by one program; open in zoom (12)",
+            "watched        loopback by one program, 2 PipeWire cameras; open in zoom (12)\n",
+            "pipewire       3 companions; 70 pictures sent, 1 dropped\n",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }
         assert!(!text.contains('\u{1b}'));
+        let idle = Status { watched: Some(false), pipewire: Some(PipewireInfo::default()), ..Status::default() }.to_string();
+        assert!(idle.contains("watched        no\npipewire       no companion is connected;"), "{idle}");
         let json = serde_json::to_string(&status).unwrap();
         assert_eq!(serde_json::from_str::<Status>(&json).unwrap(), status);
         // a newer or older daemon's answer is read as far as it goes

@@ -1,10 +1,11 @@
 //! What the daemon says of its camera, its output and a stream: in the log and in the status.
 
 use super::output::LiveOutput;
-use crate::control::{CameraInfo, DaemonState, OutputInfo};
+use crate::control::{CameraInfo, DaemonState, OutputInfo, PipewireInfo};
 use crate::device::v4l2::Capture;
 use crate::device::{FrameSink, FrameSource};
 use crate::pipeline::Totals;
+use crate::share::Companions;
 
 /// A stream's frames as people say it: what did not happen is left out.
 pub(super) fn in_words(totals: &Totals) -> String {
@@ -49,7 +50,7 @@ pub(super) fn camera_now(camera: &Capture) -> CameraInfo {
     }
 }
 
-/// The loopback, and who watches it, for the status.
+/// The output, and who watches it, for the status.
 pub(super) fn tell_of(output: &LiveOutput, state: &DaemonState) {
     let format = output.format();
     let now = OutputInfo {
@@ -59,5 +60,15 @@ pub(super) fn tell_of(output: &LiveOutput, state: &DaemonState) {
         height: format.height,
     };
     let viewers = output.viewer_monitor.status().clone();
-    state.metrics.set_output(now, Box::new(move || viewers.count()));
+    let count: Box<dyn Fn() -> u32 + Send> = Box::new(move || viewers.at_loopback());
+    state.metrics.set_output(now, output.loopback.is_some().then_some(count));
+}
+
+/// Companions, for the status.
+pub(super) fn tell_of_companions(companions: &Companions, state: &DaemonState) {
+    let companions = companions.clone();
+    state.metrics.set_pipewire(Box::new(move || {
+        let (sent, dropped) = companions.counts();
+        PipewireInfo { companions: companions.connected(), watched: companions.watching(), sent, dropped }
+    }));
 }
