@@ -78,6 +78,7 @@ pub fn run(state: &Arc<DaemonState>, stop: &Stop, wake: &Notifier) -> Result<Exi
             spawn(scope, "cameras", move || cameras.watch(&hotplug, done))?;
         }
         if let Some(pictures) = &pictures {
+            describe::companions(pictures.companions(), state);
             spawn(scope, "pictures", || pictures.serve(&done.pictures, &|| companions::locate(settings, &cameras)))?;
         }
         let mut supervisor = Supervisor::new(Parts {

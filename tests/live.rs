@@ -144,7 +144,7 @@ fn others(key: &Key, settings: &Settings) -> Vec<Settings> {
             words.iter().filter(|word| **word != now).map(|word| with(&|s| set(s, word))).collect()
         }
         Kind::Switch { get, set } => vec![with(&|s| set(s, !get(settings)))],
-        Kind::Count { .. } | Kind::Text { .. } | Kind::Form { .. } => {
+        Kind::SwitchOrAuto { .. } | Kind::Count { .. } | Kind::Text { .. } | Kind::Form { .. } => {
             panic!("{}: no live key of this kind is known here", key.name)
         }
     }

@@ -21,7 +21,7 @@ use rustix::net::{
 const SIZE: (u32, u32) = (64, 48);
 const BYTES: usize = 2 * 64 * 48;
 
-/// A device that everybody may open stands for the camera.
+/// A device that every user may open stands for the camera.
 const CAMERA: &str = "/dev/null";
 
 /// A server in a thread, in a folder of its own.
@@ -179,13 +179,13 @@ fn a_picture_is_drawn_into_lent_memory_and_waits_until_it_is_free_again() {
     });
     assert_eq!(memory[drawn[0] as usize].bytes()[0], 91);
     client.watch(false, SIZE, None).unwrap();
-    until("nobody watches", || rig.companions.watching() == 0 && !outlet.is_wanted());
+    until("no program watches", || rig.companions.watching() == 0 && !outlet.is_wanted());
     drop(client);
     until("it is gone", || rig.companions.connected() == 0);
 }
 
 #[test]
-fn whoever_may_not_open_the_camera_gets_nothing() {
+fn a_companion_that_may_not_open_the_camera_gets_nothing() {
     let rig = Rig::new("proof", None);
     let mut outlet = rig.outlet();
     let read_only = File::open(CAMERA).unwrap();
@@ -230,12 +230,12 @@ fn another_camera_asks_for_another_proof() {
 }
 
 #[test]
-fn a_camera_that_was_not_there_is_looked_for_while_somebody_waits_for_it() {
+fn a_camera_that_was_not_there_is_looked_for_while_a_companion_waits_for_it() {
     let rig = Rig::new("looked-for", Some(CAMERA));
     let _outlet = rig.companions.outlet(&format());
     let client = rig.client();
     let Heard::Format(first) = heard(&client).unwrap() else { panic!("no format") };
-    assert_eq!(first.camera, Path::new(""), "nobody knows it yet");
+    assert_eq!(first.camera, Path::new(""), "it is not known yet");
     client.watch(true, SIZE, None).unwrap();
     assert_eq!(heard(&client).unwrap(), Heard::Refused(Refusal::Proof));
     let Heard::Format(second) = heard(&client).unwrap() else { panic!("no format") };
@@ -353,7 +353,7 @@ fn nonsense_ends_the_connection_and_nothing_else() {
         sent += (0..100).filter(|_| throw(&socket, &message(18, &[0; 8]), &[])).count();
         sent > 1000 && is_hung_up_now(&socket)
     });
-    // Nobody else noticed.
+    // No other companion noticed.
     until("the honest one gets its pictures", || {
         outlet.send(picture(66).as_ref(), &Stamp::default());
         matches!(answer(&honest).unwrap(), Heard::Frame { id, .. } if memory[id as usize].bytes()[0] == 66)
@@ -361,7 +361,7 @@ fn nonsense_ends_the_connection_and_nothing_else() {
 }
 
 #[test]
-fn a_companion_that_does_not_listen_holds_nobody_up() {
+fn a_companion_that_does_not_read_delays_no_other() {
     let rig = Rig::new("deaf", None);
     let mut outlet = rig.outlet();
     let (deaf, _memory) = lending(&rig, 16);

@@ -49,13 +49,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let (configured, settings) = configuration(&path, args.target.config.is_some());
     let (daemon, status) = service::asked(&args.target);
     let mut findings = vec![configured, processor::looked_at(&settings, status.as_ref())];
-    findings.extend(module(&machine, settings.output.pipewire));
+    let wanted = settings.output.pipewire;
+    findings.extend(module(&machine, wanted != Some(false) && pipewire::is_usable()));
     let known = devices();
     findings.extend(output(&machine, &settings, &known, status.as_ref()));
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
     let loopback = meant("output", &settings.output.device, Direction::Output, &known).ok().map(|(path, _)| path);
-    if settings.output.pipewire {
-        findings.extend(pipewire::looked_at(args.target.instance.as_deref(), loopback.as_deref()));
+    if wanted != Some(false) {
+        findings.extend(pipewire::looked_at(args.target.instance.as_deref(), loopback.as_deref(), wanted));
     }
     findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
     findings.push(daemon);
@@ -102,7 +103,7 @@ fn configuration(path: &Path, asked: bool) -> (Finding, Settings) {
     }
 }
 
-/// `pipewire`: whether pictures go to PipeWire as well, so that no loopback is needed.
+/// `pipewire`: whether PipeWire can be the output, so that no loopback is needed.
 fn module(machine: &Machine, pipewire: bool) -> Vec<Finding> {
     let Some(version) = machine.loopback_version() else {
         if pipewire {
@@ -111,10 +112,12 @@ fn module(machine: &Machine, pipewire: bool) -> Vec<Finding> {
             return vec![Finding::note("module", what)];
         }
         return vec![if machine.has_loopback_module() {
-            Finding::fault("module", "v4l2loopback is installed but not loaded", LOAD)
+            let what = "v4l2loopback is installed but not loaded, and PipeWire cannot be used instead";
+            Finding::fault("module", what, LOAD)
         } else {
             let install = "sudo apt-get install v4l2loopback-dkms linux-headers-$(uname -r)";
-            Finding::fault("module", "v4l2loopback is not installed for the running kernel", format!("{install} && {LOAD}"))
+            let what = "v4l2loopback is not installed for the running kernel, and PipeWire cannot be used instead";
+            Finding::fault("module", what, format!("{install} && {LOAD}"))
         }];
     };
     let mut findings = vec![Finding::good("module", format!("v4l2loopback {version} is loaded"))];

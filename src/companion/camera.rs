@@ -1,6 +1,7 @@
 //! One daemon's node: kept whatever happens to the daemon or to PipeWire, and fed.
 
 use std::fs::OpenOptions;
+use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
@@ -20,15 +21,25 @@ use crate::share::{Client, Format, Heard, Refusal};
 /// Size and interval of a node whose daemon was never heard.
 const USUAL: (u32, u32, (u32, u32)) = (1280, 720, (1, 30));
 
-/// How soon PipeWire and the daemon are tried again; the daemon sooner while somebody watches.
+/// How soon the daemon is tried again, and how soon while a program watches.
 const AGAIN: Duration = Duration::from_millis(500);
 const AGAIN_WATCHED: Duration = Duration::from_millis(100);
+
+/// How soon PipeWire is tried again: at first it may be restarting; after [`RESTARTS_FOR`] it is rather not used here, and trying takes a
+/// millisecond of processor time.
+const PIPEWIRE_SOON: Duration = Duration::from_millis(100);
+const PIPEWIRE_LATER: Duration = Duration::from_secs(1);
+const RESTARTS_FOR: Duration = Duration::from_secs(10);
+
+/// A daemon says within this time what its pictures are. The node waits for it: made in another size, it would have to be made again, and
+/// its first readers would lose it.
+const FORMAT_COMES: Duration = Duration::from_millis(300);
 
 /// How soon a daemon is asked again that gave no pictures.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
-/// Buffers that the daemon has to draw into at a time: one, and one while that is on its way.
-const AHEAD: usize = 2;
+/// Buffers that the daemon has to draw into at a time: one, one while that is on its way, and one for when this process is late.
+const AHEAD: usize = 3;
 
 /// Watchers get a picture at least this often.
 const STILL_EVERY: Duration = Duration::from_millis(250);
@@ -62,12 +73,18 @@ pub(super) struct Camera {
     params: NodeParams,
     node: Option<Node>,
     node_due: Instant,
+    /// Since when there is none.
+    node_lost: Instant,
     still: Still,
     client: Option<Client>,
     client_due: Instant,
+    /// Since when, where it is.
+    connected: Instant,
     /// What the daemon said last.
     format: Option<Format>,
     watched: bool,
+    /// Why the daemon was given no descriptor of the camera that proves anything.
+    unproven: String,
     /// When the daemon is asked again, where it gives nothing.
     ask_due: Option<Instant>,
     /// Taken from the node: not yet with the daemon, and with it.
@@ -103,10 +120,13 @@ impl Camera {
             params,
             node: None,
             node_due: now,
+            node_lost: now,
             client: None,
             client_due: now,
+            connected: now,
             format: None,
             watched: false,
+            unproven: String::new(),
             ask_due: None,
             spare: Vec::new(),
             out: Vec::new(),
@@ -183,7 +203,7 @@ impl Camera {
             Ok(client) => {
                 self.tell(About::Daemon, format!("connected to the daemon at {}", path.display()));
                 self.client = Some(client);
-                self.live = Instant::now();
+                (self.connected, self.live) = (Instant::now(), Instant::now());
                 self.lent.clear();
                 self.spare.append(&mut self.out);
                 // Before anything is lent: the size has to be known.
@@ -193,7 +213,7 @@ impl Camera {
         }
     }
 
-    fn hang_up(&mut self, why: &std::io::Error) {
+    fn hang_up(&mut self, why: &io::Error) {
         self.tell(About::Daemon, format!("the daemon is away: {why}"));
         self.client = None;
         self.client_due = Instant::now();
@@ -209,15 +229,16 @@ impl Camera {
                 Ok(None) => return,
                 Ok(Some(Heard::Frame { id, time_ns })) => self.pass_on(id, time_ns),
                 Ok(Some(Heard::Format(format))) => {
-                    self.format = Some(format);
+                    if self.format.replace(format).is_none() {
+                        // The node may have waited for it.
+                        self.node_due = Instant::now();
+                    }
                     self.report();
                 }
                 Ok(Some(Heard::Refused(refusal))) => {
                     self.ask_due = Some(Instant::now() + ASK_AGAIN);
-                    let camera = self.format.as_ref().map(|format| format.camera.display().to_string()).unwrap_or_default();
                     let why = match refusal {
-                        Refusal::Proof if camera.is_empty() => "no pictures: there is no camera".into(),
-                        Refusal::Proof => format!("no pictures: this user may not open {camera}"),
+                        Refusal::Proof => format!("no pictures: {}", self.unproven),
                         Refusal::Size => {
                             "no pictures: those who watch hold another size; it changes when they have left".into()
                         }
@@ -233,6 +254,11 @@ impl Camera {
     fn pass_on(&mut self, id: u64, time_ns: i64) {
         let Some(at) = self.out.iter().position(|slot| slot.id == id) else { return };
         let slot = self.out.swap_remove(at);
+        if !self.watched {
+            // It was on its way when the last program left. The next one may come when this user may not see it any more.
+            self.spare.push(slot);
+            return;
+        }
         self.ask_due = None;
         self.live = Instant::now();
         self.send(&slot, time_ns);
@@ -248,18 +274,24 @@ impl Camera {
         }
     }
 
-    /// Makes the node where there is none, and anew where it was lost or should be another and nobody watches.
+    /// Makes the node where there is none; replaces one that was lost, or that should have another format while no program watches.
     fn keep_node(&mut self) {
         match self.node.as_ref().map(Node::state) {
             Some(State::Lost(why)) => {
                 self.drop_node();
-                self.node_due = Instant::now() + AGAIN;
+                self.node_due = Instant::now() + PIPEWIRE_SOON;
                 self.tell(About::PipeWire, format!("PipeWire ended the node: {why}"));
             }
             Some(State::Paused | State::Connecting) if self.wanted() != self.params => self.drop_node(),
             _ => {}
         }
-        if self.node.is_some() || Instant::now() < self.node_due {
+        let now = Instant::now();
+        if self.node.is_some() || now < self.node_due {
+            return;
+        }
+        let format_due = self.connected + FORMAT_COMES;
+        if self.client.is_some() && self.format.is_none() && now < format_due {
+            self.node_due = format_due;
             return;
         }
         self.params = self.wanted();
@@ -272,7 +304,8 @@ impl Camera {
                 self.report();
             }
             Err(error) => {
-                self.node_due = Instant::now() + AGAIN;
+                let restarts = now.duration_since(self.node_lost) < RESTARTS_FOR;
+                self.node_due = now + if restarts { PIPEWIRE_SOON } else { PIPEWIRE_LATER };
                 self.tell(About::PipeWire, error.to_string());
             }
         }
@@ -280,7 +313,7 @@ impl Camera {
 
     fn drop_node(&mut self) {
         self.node = None;
-        self.node_due = Instant::now();
+        (self.node_due, self.node_lost) = (Instant::now(), Instant::now());
         self.starved = None;
         self.spare.clear();
         self.out.clear();
@@ -300,14 +333,16 @@ impl Camera {
         }
     }
 
-    /// Whether somebody watches, as PipeWire says.
+    /// Follows whether a program watches, as PipeWire says.
     fn follow(&mut self) {
         let watched = self.node.as_ref().is_some_and(|node| node.state() == State::Streaming);
         if watched != self.watched {
             self.watched = watched;
             let now = Instant::now();
             (self.sent, self.live, self.starved) = (now, now, None);
-            if !watched {
+            if watched {
+                self.client_due = now;
+            } else {
                 self.still.forget();
             }
             self.report();
@@ -320,11 +355,23 @@ impl Camera {
     fn report(&mut self) {
         self.ask_due = None;
         let size = (self.params.width, self.params.height);
-        let camera = self.format.as_ref().map(|format| format.camera.clone()).filter(|path| !path.as_os_str().is_empty());
-        let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
-        let opened = camera
-            .filter(|_| self.watched)
-            .and_then(|path| OpenOptions::new().read(true).write(true).custom_flags(flags).open(path).ok());
+        let camera = self.format.as_ref().map(|format| &format.camera).filter(|path| !path.as_os_str().is_empty());
+        let opened = match camera {
+            Some(path) if self.watched => {
+                let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
+                let opened = OpenOptions::new().read(true).write(true).custom_flags(flags).open(path);
+                self.unproven = match opened.as_ref().map_err(io::Error::kind) {
+                    Ok(_) => "the daemon has not found its camera yet".into(),
+                    Err(io::ErrorKind::PermissionDenied) => format!("this user may not open {}", path.display()),
+                    Err(kind) => format!("the camera {} cannot be opened: {kind}", path.display()),
+                };
+                opened.ok()
+            }
+            _ => {
+                self.unproven = "there is no camera".into();
+                None
+            }
+        };
         if let Some(client) = &self.client
             && let Err(error) = client.watch(self.watched, size, opened.as_ref().map(AsFd::as_fd))
         {

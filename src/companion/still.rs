@@ -14,7 +14,7 @@ pub(super) struct Still {
     bytes: usize,
     /// The dark picture, once it was needed.
     dark: Vec<u8>,
-    /// The buffer that was sent last: nobody draws into it before another was sent.
+    /// The buffer that was sent last: it is not drawn into before another was sent.
     last: Option<Slot>,
 }
 
@@ -29,7 +29,7 @@ impl Still {
         self.last = Some(slot.clone());
     }
 
-    /// The last picture is shown no more: who comes next does not see it.
+    /// The last picture is not shown again: a program that watches later does not see it.
     pub(super) fn forget(&mut self) {
         self.last = None;
     }

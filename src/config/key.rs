@@ -33,6 +33,8 @@ pub enum Kind {
     Choice { words: &'static [&'static str], get: fn(&Settings) -> &'static str, set: fn(&mut Settings, &str) },
     /// `true` or `false`.
     Switch { get: fn(&Settings) -> bool, set: fn(&mut Settings, bool) },
+    /// `true`, `false`, or "auto": `None`.
+    SwitchOrAuto { get: fn(&Settings) -> Option<bool>, set: fn(&mut Settings, Option<bool>) },
     /// Any text that is not empty; numbers are taken as their digits.
     Text { get: fn(&Settings) -> &str, set: fn(&mut Settings, String) },
     /// Text of a form that `fits` knows, and `expected` says in words.
@@ -73,6 +75,7 @@ impl Key {
             Kind::Count { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
             Kind::Switch { get, .. } => get(settings).to_string(),
+            Kind::SwitchOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |truth| truth.to_string()),
             Kind::Text { get, .. } | Kind::Form { get, .. } => quoted(get(settings)),
         }
     }
@@ -89,6 +92,7 @@ impl Key {
                 words.join(", ")
             }
             Kind::Switch { .. } => "true, false".into(),
+            Kind::SwitchOrAuto { .. } => format!("true, false, or {}", quoted(AUTO)),
             Kind::Text { .. } => "any text".into(),
             Kind::Form { expected, .. } => (*expected).into(),
         }
@@ -102,6 +106,7 @@ impl Key {
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
             Kind::Switch { .. } => "true or false, without quotes".into(),
+            Kind::SwitchOrAuto { .. } => format!("true or false, without quotes, or {}", quoted(AUTO)),
             Kind::Text { .. } => "text that is not empty".into(),
             Kind::Form { expected, .. } => (*expected).into(),
         };
@@ -118,6 +123,7 @@ impl Key {
             Kind::NumberOrAuto { get, set, .. } => set(settings, get(from)),
             Kind::Count { get, set, .. } => set(settings, get(from)),
             Kind::Switch { get, set } => set(settings, get(from)),
+            Kind::SwitchOrAuto { get, set } => set(settings, get(from)),
             Kind::Choice { get, set, .. } => set(settings, get(from)),
             Kind::Text { get, set } | Kind::Form { get, set, .. } => set(settings, get(from).to_owned()),
         }
@@ -170,6 +176,14 @@ impl Key {
             }
             (Kind::Switch { set, .. }, Written::Truth(truth)) => {
                 set(settings, *truth);
+                true
+            }
+            (Kind::SwitchOrAuto { set, .. }, Written::Truth(truth)) => {
+                set(settings, Some(*truth));
+                true
+            }
+            (Kind::SwitchOrAuto { set, .. }, Written::Text(word)) if word == AUTO => {
+                set(settings, None);
                 true
             }
             (Kind::Text { set, .. }, Written::Text(text)) if !text.trim().is_empty() && !text.contains('\0') => {

@@ -66,6 +66,11 @@ macro_rules! switch {
     ($($field:ident).+) => { Kind::Switch { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
 }
 
+/// true, false or "auto" (`None`): `switch_or_auto!(path.to.field)`.
+macro_rules! switch_or_auto {
+    ($($field:ident).+) => { Kind::SwitchOrAuto { get: |s| s.$($field).+, set: |s, value| s.$($field).+ = value } };
+}
+
 /// Free text.
 macro_rules! text {
     ($($field:ident).+) => { Kind::Text { get: |s| &s.$($field).+, set: |s, value| s.$($field).+ = value } };
@@ -307,9 +312,9 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "output.pipewire",
         unit: "",
-        doc: "Allow `gimbald pipewire`, which runs in a user's session, to offer the picture as a PipeWire camera. Does not need v4l2loopback.",
+        doc: "Offer the picture as a PipeWire camera through `gimbald pipewire`, which runs in a user's session. \"auto\": wait for the loopback or a companion, whichever comes first; true: do not wait for a loopback; false: refuse companions.",
         live: false,
-        kind: switch!(output.pipewire),
+        kind: switch_or_auto!(output.pipewire),
     },
     Key {
         name: "output.on_demand",

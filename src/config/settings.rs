@@ -55,8 +55,8 @@ pub struct Output {
     pub format: PixelFormat,
     /// Whether a loopback device is to be made where there is none.
     pub create: bool,
-    /// Whether PipeWire companions get pictures.
-    pub pipewire: bool,
+    /// Whether PipeWire companions get pictures; `Some(true)`: and no loopback is waited for. `None` is "auto".
+    pub pipewire: Option<bool>,
     /// Whether the camera is open only while somebody watches.
     pub on_demand: bool,
     /// How long it stays open when nobody does any more (seconds).
@@ -65,7 +65,7 @@ pub struct Output {
 
 impl Default for Output {
     fn default() -> Self {
-        Self { device: "auto".into(), format: PixelFormat::Yuyv, create: false, pipewire: true, on_demand: true, linger_s: 5.0 }
+        Self { device: "auto".into(), format: PixelFormat::Yuyv, create: false, pipewire: None, on_demand: true, linger_s: 5.0 }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::metrics::{AGE_BOUNDS_MS, Metrics, Phase};
-use super::{Drops, Found, Frames, Status};
+use super::{Drops, Found, Frames, PipewireInfo, Status};
 use crate::pipeline::Reason;
 
 /// Writes metrics one by one.
@@ -76,10 +76,16 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
         text.gauge("watched", "Whether the loopback or a PipeWire camera has viewers.", f64::from(u8::from(watched)));
     }
     if let Some(watchers) = status.watchers {
-        text.gauge(
-            "watchers",
-            "Viewers of the loopback, as reported by v4l2loopback, and PipeWire cameras in use.",
-            f64::from(watchers),
+        text.gauge("watchers", "Viewers of the loopback, as reported by v4l2loopback.", f64::from(watchers));
+    }
+    if let Some(PipewireInfo { companions, watched, sent, dropped }) = status.pipewire {
+        text.gauge("pipewire_companions", "Connected PipeWire companions.", f64::from(companions));
+        text.gauge("pipewire_watched", "PipeWire companions whose camera has viewers.", f64::from(watched));
+        text.count("pipewire_sent_frames_total", "Frames sent to PipeWire companions.", sent);
+        text.count(
+            "pipewire_dropped_frames_total",
+            "Frames that a PipeWire companion missed because it had no free memory.",
+            dropped,
         );
     }
     text.gauge("frames_per_second", "Recent frame rate of the output.", status.fps);
@@ -136,6 +142,7 @@ mod tests {
         let mut status = Status::default();
         metrics.fill(&mut status);
         status.unusable_frames.insert("damaged".into(), 7);
+        status.pipewire = Some(PipewireInfo { companions: 2, watched: 1, sent: 30, dropped: 4 });
         let text = text(&status, &metrics);
         let mut family = "";
         for line in text.lines() {
@@ -151,6 +158,8 @@ mod tests {
             "gimbald_latency_seconds_bucket{le=\"1\"} 3\n",
             "gimbald_latency_seconds_bucket{le=\"+Inf\"} 4\n",
             "gimbald_latency_seconds_count 4\n",
+            "gimbald_pipewire_companions 2\n",
+            "gimbald_pipewire_dropped_frames_total 4\n",
             "camera_name=\"a \\\"b\\\"\\\\\\nc\"",
             "gimbald_state{state=\"starting\"} 1\n",
             "gimbald_state{state=\"idle\"} 0\n",

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::status::{CameraInfo, OutputInfo, RejectedFormat, Spread};
+use super::status::{CameraInfo, OutputInfo, PipewireInfo, RejectedFormat, Spread};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
 use crate::rt::clock::monotonic_ns;
@@ -102,8 +102,10 @@ struct Current {
     camera: Option<CameraInfo>,
     output: Option<OutputInfo>,
     formats_left: Vec<RejectedFormat>,
-    /// Says whether somebody watches.
+    /// Counts the loopback's readers.
     watchers: Option<Box<dyn Fn() -> u32 + Send>>,
+    /// Counts PipeWire companions.
+    pipewire: Option<Box<dyn Fn() -> PipewireInfo + Send>>,
 }
 
 impl std::fmt::Debug for Current {
@@ -151,6 +153,7 @@ impl Default for Metrics {
             output: None,
             formats_left: Vec::new(),
             watchers: None,
+            pipewire: None,
         };
         Self {
             born,
@@ -275,13 +278,18 @@ impl Metrics {
         self.now().formats_left = formats;
     }
 
-    /// The loopback was opened; `watchers` says how many watch it.
-    pub fn set_output(&self, output: OutputInfo, watchers: Box<dyn Fn() -> u32 + Send>) {
+    /// The output was opened; `watchers` counts the loopback's readers, where there is one.
+    pub fn set_output(&self, output: OutputInfo, watchers: Option<Box<dyn Fn() -> u32 + Send>>) {
         let mut now = self.now();
-        (now.output, now.watchers) = (Some(output), Some(watchers));
+        (now.output, now.watchers) = (Some(output), watchers);
     }
 
-    /// The loopback was closed, or went away.
+    /// PipeWire companions may connect; `companions` counts them.
+    pub fn set_pipewire(&self, companions: Box<dyn Fn() -> PipewireInfo + Send>) {
+        self.now().pipewire = Some(companions);
+    }
+
+    /// The output was closed, or went away.
     pub fn clear_output(&self) {
         let mut now = self.now();
         (now.output, now.watchers) = (None, None);
@@ -306,7 +314,9 @@ impl Metrics {
             };
             status.formats_left = now.formats_left.iter().filter(|left| !is_used(left)).cloned().collect();
             status.watchers = now.watchers.as_ref().map(|watchers| watchers());
-            status.watched = status.watchers.map(|count| count > 0);
+            status.pipewire = now.pipewire.as_ref().map(|companions| companions());
+            let nodes = status.pipewire.map_or(0, |pipewire| pipewire.watched);
+            status.watched = now.output.as_ref().map(|_| status.watchers.unwrap_or(0) + nodes > 0);
         }
         status.uptime_s = self.born.elapsed().as_secs_f64();
         status.fps = self.rate();

@@ -57,7 +57,7 @@ pub use reply::{Refusal, RefusalKind, Reply};
 pub use request::{Assignment, LONGEST_REQUEST, Request, RequestError};
 pub use server::Server;
 pub use socket::{BoundSocket, default_paths};
-pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, RejectedFormat, Spread, Status, Unusable};
+pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, PipewireInfo, RejectedFormat, Spread, Status, Unusable};
 pub use token_bucket::Rate;
 
 /// Does what a client asks, and gives its reply. A door for the fuzz targets alone.

@@ -29,11 +29,13 @@ pub struct Status {
     pub camera: Option<CameraInfo>,
     /// Where the picture goes: the loopback, or PipeWire alone.
     pub output: Option<OutputInfo>,
-    /// Whether somebody watches the loopback or a PipeWire camera; `None` where there is neither.
+    /// Whether a program watches the loopback or a PipeWire camera; `None` where there is no output.
     pub watched: Option<bool>,
-    /// Number of viewers: readers of the loopback, and PipeWire cameras in use (each by any number of programs). v4l2loopback reports its
-    /// reader since 0.13, 0 or 1. For older versions this is how often any loopback device is open beside the daemon, an upper bound.
+    /// Readers of the loopback; `None` where there is none. v4l2loopback reports its reader since 0.13, 0 or 1. For older versions this is
+    /// how often any loopback device is open beside the daemon, an upper bound.
     pub watchers: Option<u32>,
+    /// PipeWire companions; `None` where none may connect.
+    pub pipewire: Option<PipewireInfo>,
     /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub open_in: Vec<String>,
@@ -106,6 +108,20 @@ pub struct OutputInfo {
     pub width: u32,
     /// Pixels.
     pub height: u32,
+}
+
+/// PipeWire companions, and the pictures they got.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, Serialize)]
+#[serde(default)]
+pub struct PipewireInfo {
+    /// Companions that are connected: one in each user's session.
+    pub companions: u32,
+    /// Companions whose camera is watched, each by any number of programs.
+    pub watched: u32,
+    /// Pictures sent to companions, since the daemon began.
+    pub sent: u64,
+    /// Pictures that a companion missed because it had no memory free, since the daemon began.
+    pub dropped: u64,
 }
 
 /// How values of late are spread.
@@ -240,17 +256,34 @@ impl Status {
             ("output", output),
         ];
         if let Some(watched) = self.watched {
-            let count = match (watched, self.watchers) {
-                (false, _) => "none".to_owned(),
-                (true, None) => "yes".to_owned(),
-                (true, Some(1)) => "1 program".to_owned(),
-                (true, Some(count)) => format!("up to {count} programs"),
+            lines.push(("viewers", self.viewers(watched)));
+        }
+        if let Some(PipewireInfo { companions, sent, dropped, .. }) = self.pipewire {
+            let connected = match companions {
+                0 => "no companions".to_owned(),
+                1 => "1 companion".to_owned(),
+                count => format!("{count} companions"),
             };
-            let open_in =
-                if self.open_in.is_empty() { String::new() } else { format!("; open in {}", self.open_in.join(", ")) };
-            lines.push(("viewers", count + &open_in));
+            lines.push(("pipewire", format!("{connected}; {sent} frames sent, {dropped} dropped")));
         }
         lines
+    }
+
+    /// The viewers of each output, and the programs that have the loopback open.
+    fn viewers(&self, watched: bool) -> String {
+        let mut viewers = Vec::new();
+        match self.watchers {
+            None | Some(0) => {}
+            Some(1) => viewers.push("loopback: 1 program".to_owned()),
+            Some(count) => viewers.push(format!("loopback: up to {count} programs")),
+        }
+        match self.pipewire.map_or(0, |pipewire| pipewire.watched) {
+            0 => {}
+            1 => viewers.push("1 PipeWire camera".to_owned()),
+            count => viewers.push(format!("{count} PipeWire cameras")),
+        }
+        let text = if viewers.is_empty() { if watched { "yes" } else { "none" }.to_owned() } else { viewers.join(", ") };
+        if self.open_in.is_empty() { text } else { format!("{text}; open in {}", self.open_in.join(", ")) }
     }
 
     /// Frame rate, times, counts, and what went wrong.
@@ -351,6 +384,7 @@ mod tests {
             restart: vec!["camera.device".into()],
             watched: Some(true),
             watchers: Some(1),
+            pipewire: Some(PipewireInfo { companions: 3, watched: 2, sent: 70, dropped: 1 }),
             open_in: vec!["zoom (12)".into()],
             ..Status::default()
         };
@@ -363,12 +397,15 @@ mod tests {
             "unusable       1 of 9 frames cannot be decoded: x \n",
             "rejected       MJPG of C: nothing came\n",
             "camera.device",
-            "1 program; open in zoom (12)",
+            "viewers        loopback: 1 program, 2 PipeWire cameras; open in zoom (12)\n",
+            "pipewire       3 companions; 70 frames sent, 1 dropped\n",
             "version 1.2, pixel loops neon, running for",
         ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }
         assert!(!text.contains('\u{1b}'));
+        let idle = Status { watched: Some(false), pipewire: Some(PipewireInfo::default()), ..Status::default() }.to_string();
+        assert!(idle.contains("watched        no\npipewire       no companion is connected;"), "{idle}");
         let json = serde_json::to_string(&status).unwrap();
         assert_eq!(serde_json::from_str::<Status>(&json).unwrap(), status);
         // a newer or older daemon's answer is read as far as it goes

@@ -8,9 +8,9 @@ use crate::device::v4l2::{Direction, find};
 use crate::share::Server;
 use crate::systemd::Systemd;
 
-/// The socket, where the settings want one. What cannot be is told in the log: a loopback without PipeWire is better than nothing.
+/// The socket, unless the settings forbid it. A failure is logged and the loopback used without PipeWire.
 pub(super) fn open(settings: &Settings) -> Option<Server> {
-    if !settings.output.pipewire {
+    if settings.output.pipewire == Some(false) {
         return None;
     }
     let Some(directory) = directory(&settings.control.socket, Systemd::runtime_directory(), user_directory()) else {

@@ -1,8 +1,9 @@
-//! Texts about the camera, the output and a stream, for the log and the status.
+//! Texts and numbers about the camera, the outputs and a stream, for the log and the status.
 
 use super::devices::{LiveCamera, Output};
-use crate::control::CameraInfo;
+use crate::control::{CameraInfo, DaemonState, PipewireInfo};
 use crate::pipeline::Totals;
+use crate::share::Companions;
 
 /// A stream's frame counts; zero counts are left out.
 pub(super) fn totals(totals: &Totals) -> String {
@@ -45,4 +46,13 @@ pub(super) fn camera_info(camera: &dyn LiveCamera) -> CameraInfo {
         height: format.height,
         fps: format.rate(),
     }
+}
+
+/// Has the status count the PipeWire companions.
+pub(super) fn companions(companions: &Companions, state: &DaemonState) {
+    let companions = companions.clone();
+    state.metrics.set_pipewire(Box::new(move || {
+        let (sent, dropped) = companions.counts();
+        PipewireInfo { companions: companions.connected(), watched: companions.watching(), sent, dropped }
+    }));
 }

@@ -38,8 +38,8 @@ pub(super) struct LiveOutput {
 
 impl LiveOutput {
     /// Opens the loopback in `format`'s size (even), rate and colours; in the size that a node's readers hold where they do. A reader of
-    /// the process before keeps its last picture for a moment. Where the loopback cannot be opened and companions are connected, PipeWire
-    /// is the only output.
+    /// the process before keeps its last picture for a moment. Where the loopback cannot be opened, PipeWire is the only output: if companions
+    /// are connected, or if `output.pipewire = true` says that they will be.
     ///
     /// # Errors
     /// As [`Loopback::open`].
@@ -50,6 +50,7 @@ impl LiveOutput {
         wake: &Notifier,
     ) -> Result<Self, DeviceError> {
         let (width, height) = size_for(format, companions);
+        let expected = settings.output.pipewire == Some(true);
         let params = LoopbackParams {
             device: settings.output.device.clone(),
             pixel: settings.output.format,
@@ -62,7 +63,7 @@ impl LiveOutput {
         };
         let loopback = match Loopback::open(&params) {
             Ok(loopback) => Some(loopback),
-            Err(error) if companions.is_some_and(|companions| companions.connected() > 0) => {
+            Err(error) if companions.is_some_and(|companions| companions.connected() > 0 || expected) => {
                 tracing::info!("PipeWire is the only output: {error}");
                 None
             }

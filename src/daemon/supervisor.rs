@@ -64,6 +64,8 @@ pub(super) struct Supervisor<'a> {
     started: Instant,
     /// Opened first and kept: its viewers never lose it.
     output: Option<Box<dyn Output>>,
+    /// The format of the last camera, until an idle output has been compared with it.
+    last_format: Option<StreamFormat>,
     /// Opened, and not yet streaming.
     camera: Option<Box<dyn LiveCamera>>,
     /// Of the last failure.
@@ -84,6 +86,7 @@ impl<'a> Supervisor<'a> {
             parts,
             started: Instant::now(),
             output: None,
+            last_format: None,
             camera: None,
             error: None,
             logged: String::new(),
@@ -167,7 +170,8 @@ impl<'a> Supervisor<'a> {
         let Parts { devices, settings, companions, wake, state, .. } = self.parts;
         let output = devices.open_output(settings, format, companions, wake)?;
         let viewers = output.viewers().clone();
-        state.metrics.set_output(output.info(), Box::new(move || viewers.count()));
+        let count: Box<dyn Fn() -> u32 + Send> = Box::new(move || viewers.at_loopback());
+        state.metrics.set_output(output.info(), output.has_loopback().then_some(count));
         self.output = Some(output);
         Ok(())
     }
@@ -223,6 +227,7 @@ impl<'a> Supervisor<'a> {
             companions.camera_is(camera.path());
         }
         let format = camera.format();
+        self.last_format = Some(format);
         if self.output.as_ref().is_none_or(|output| !output.suits(&format)) {
             // The old one first: the loopback takes one writer.
             self.output = None;
@@ -341,6 +346,10 @@ impl<'a> Supervisor<'a> {
     /// The camera is closed: waits for viewers.
     fn idle(&mut self) -> Event {
         let Some(output) = &mut self.output else { return Event::DevicesChanged };
+        if self.last_format.take().is_some_and(|format| !output.suits(&format)) {
+            // The programs that kept it in another camera's size have left.
+            return Event::DevicesChanged;
+        }
         if let Err(error) = output.clear() {
             return self.output_failed(error);
         }
@@ -394,7 +403,9 @@ impl<'a> Supervisor<'a> {
                 // An output that fails here fails again when it is needed, and is handled then.
                 let _ = output.idle();
             }
-            if self.started.elapsed() > READY_WITHOUT_CAMERA {
+            // A companion connects when a user logs in, which may be never: a service without a loopback is ready for one.
+            let awaits_companion = self.output.is_none() && companions.is_some();
+            if awaits_companion || self.started.elapsed() > READY_WITHOUT_CAMERA {
                 self.parts.state.ready();
             }
             if self.output.is_none() && connected() > before {
@@ -412,7 +423,11 @@ impl<'a> Supervisor<'a> {
 
     /// Shows what is waited for in the status; logs it once, not with each attempt.
     fn report_waiting(&mut self) {
-        let what = if self.lifecycle.state() == State::WaitingForOutput { "loopback" } else { "camera" };
+        let what = match (self.lifecycle.state(), self.parts.companions) {
+            (State::WaitingForOutput, Some(_)) => "loopback, or for a PipeWire companion (`gimbald pipewire`)",
+            (State::WaitingForOutput, None) => "loopback",
+            _ => "camera",
+        };
         let error = self.error.as_ref().map(ToString::to_string).unwrap_or_default();
         let text = format!("waiting for the {what}: {error}");
         self.parts.heartbeat.set_activity(text.clone(), Phase::Waiting);

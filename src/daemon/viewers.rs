@@ -123,17 +123,12 @@ impl ViewerEvents {
 }
 
 impl ViewerStatus {
-    /// Whether somebody watches now.
+    /// Whether a program watches now: the loopback, or a node.
     pub(super) fn any(&self) -> bool {
-        self.count() > 0
+        self.at_loopback() + self.0.companions.load(Relaxed) > 0
     }
 
-    /// How many watch: the loopback, as [`Viewers::wait`] has it, and nodes that somebody watches.
-    pub(super) fn count(&self) -> u32 {
-        self.at_loopback() + self.0.companions.load(Relaxed)
-    }
-
-    /// How many of them watch the loopback.
+    /// How many watch the loopback, as [`Viewers::wait`] has it.
     pub(super) fn at_loopback(&self) -> u32 {
         self.0.loopback.load(Relaxed)
     }

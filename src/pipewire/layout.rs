@@ -27,7 +27,7 @@ pub(super) struct Dict {
     pub(super) items: *const DictItem,
 }
 
-/// `struct spa_chunk`: the valid part of a block, for each picture anew.
+/// `struct spa_chunk`: the valid part of a block, set for each picture.
 #[repr(C)]
 pub(super) struct Chunk {
     pub(super) offset: u32,

@@ -290,7 +290,7 @@ impl Drop for Node {
     fn drop(&mut self) {
         {
             let _lock = self.lock();
-            // SAFETY: the lock is held; nobody has the stream after this.
+            // SAFETY: the lock is held; the stream is not used after this.
             unsafe { (self.library.stream_destroy)(self.stream.as_ptr()) };
         }
         // SAFETY: stopped without the lock, as the library asks, then destroyed; its thread ends before `shared` goes.
@@ -437,7 +437,7 @@ unsafe extern "C" fn remove_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
     shared.wake.notify();
 }
 
-/// Memory for a picture that can be shared: its size cannot be changed by whoever gets it.
+/// Memory for a picture that can be shared: the process that gets it cannot change its size.
 fn memory(bytes: usize) -> Result<OwnedFd, rustix::io::Errno> {
     let fd = memfd_create(c"gimbald-picture", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     ftruncate(&fd, bytes as u64)?;

@@ -74,7 +74,7 @@ impl Client {
         }
     }
 
-    /// Says whether somebody watches the node of `size`; `camera` is the camera's node, opened to read and write.
+    /// Says whether a program watches the node of `size`; `camera` is the camera's node, opened to read and write.
     ///
     /// # Errors
     /// Where the daemon is gone or does not listen.

@@ -50,14 +50,18 @@ impl Lease {
         }
     }
 
-    /// Draws a picture into the next free piece and says so.
-    fn send(&self, level: Level, picture: PictureRef<'_>, format: &StreamFormat, stamp: &Stamp) {
-        let Some(bytes) = format.frame_bytes() else { return };
+    /// Draws a picture into the next free piece and says so. `false`: it was dropped.
+    fn send(&self, level: Level, picture: PictureRef<'_>, format: &StreamFormat, stamp: &Stamp) -> bool {
+        let sent = self.draw(level, picture, format, stamp);
+        let count = if sent { &self.sent } else { &self.dropped };
+        count.fetch_add(1, Ordering::Relaxed);
+        sent
+    }
+
+    fn draw(&self, level: Level, picture: PictureRef<'_>, format: &StreamFormat, stamp: &Stamp) -> bool {
+        let Some(bytes) = format.frame_bytes() else { return false };
         loop {
-            let Ok(mut canvas) = self.empty.1.try_recv() else {
-                self.dropped.fetch_add(1, Ordering::Relaxed);
-                return;
-            };
+            let Ok(mut canvas) = self.empty.1.try_recv() else { return false };
             // One that is left from another size goes.
             let fits = canvas.memory.bytes().len() == bytes
                 && pack(level, picture, format.pixel, format.stride, canvas.memory.bytes_mut()).is_ok();
@@ -66,15 +70,12 @@ impl Lease {
                 continue;
             }
             let message = FromDaemon::Frame { id: canvas.id, time_ns: stamp.time_ns }.packet();
-            if send(&self.socket, message.bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL).is_ok() {
-                self.sent.fetch_add(1, Ordering::Relaxed);
-                let _ = self.drawn.0.try_send(canvas);
-            } else {
-                // Nothing was said of it, so it is still ours. One that went away is noticed by the server's thread.
-                self.dropped.fetch_add(1, Ordering::Relaxed);
-                let _ = self.empty.0.try_send(canvas);
-            }
-            return;
+            let sent = send(&self.socket, message.bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL).is_ok();
+            // Where it could not be sent, the companion does not know of it, so it is still free. A companion that went away is noticed by
+            // the server's thread.
+            let next = if sent { &self.drawn.0 } else { &self.empty.0 };
+            let _ = next.try_send(canvas);
+            return sent;
         }
     }
 }
@@ -83,6 +84,9 @@ impl Lease {
 #[derive(Debug, Default)]
 pub(super) struct Leases {
     version: AtomicU64,
+    /// Pictures of all companions, those that went included.
+    sent: AtomicU64,
+    dropped: AtomicU64,
     all: Mutex<Vec<Arc<Lease>>>,
 }
 
@@ -90,6 +94,11 @@ impl Leases {
     pub(super) fn change(&self, change: impl FnOnce(&mut Vec<Arc<Lease>>)) {
         change(&mut self.all.lock().unwrap_or_else(PoisonError::into_inner));
         self.version.fetch_add(1, Ordering::Release);
+    }
+
+    /// Pictures sent and dropped, since the beginning.
+    pub(super) fn counts(&self) -> (u64, u64) {
+        (self.sent.load(Ordering::Relaxed), self.dropped.load(Ordering::Relaxed))
     }
 }
 
@@ -115,11 +124,13 @@ impl Outlet {
         self.known.iter().any(|lease| lease.live.load(Ordering::Relaxed))
     }
 
-    /// Gives `picture`, of this outlet's size, to each companion that wants it. Never waits: whoever has no memory free misses it.
+    /// Gives `picture`, of this outlet's size, to each companion that wants it. Never waits: a companion that has no memory free misses it.
     pub fn send(&mut self, picture: PictureRef<'_>, stamp: &Stamp) {
         self.look();
         for lease in self.known.iter().filter(|lease| lease.live.load(Ordering::Relaxed)) {
-            lease.send(self.level, picture, &self.format, stamp);
+            let sent = lease.send(self.level, picture, &self.format, stamp);
+            let count = if sent { &self.leases.sent } else { &self.leases.dropped };
+            count.fetch_add(1, Ordering::Relaxed);
         }
     }
 

@@ -65,7 +65,7 @@ impl Memory {
 
 impl Drop for Memory {
     fn drop(&mut self) {
-        // SAFETY: mapped by `map` with this length, and nobody has a reference into it any more.
+        // SAFETY: mapped by `map` with this length, and no reference into it is left: each borrows this value.
         let _ = unsafe { munmap(self.start.as_ptr().cast(), self.len) };
     }
 }

@@ -11,7 +11,7 @@
 //! | from | message | with |
 //! |---|---|---|
 //! | daemon | `Format`: size, interval, the camera's node (empty where there is no camera) | |
-//! | companion | `Watch`: whether somebody watches, and in which size | the camera's node, opened to read and write |
+//! | companion | `Watch`: whether a program watches, and in which size | the camera's node, opened to read and write |
 //! | companion | `Lend`: a new piece of memory, its number | the memfd |
 //! | companion | `Free`: the piece of that number may be drawn into (again) | |
 //! | companion | `Revoke`: the piece of that number is gone | |
@@ -20,7 +20,7 @@
 //!
 //! # Who gets pictures
 //!
-//! Whoever may open the camera. A companion proves it with a descriptor of the camera's node that it opened to read and write: the kernel
+//! Users who may open the camera. A companion proves that its user may with a descriptor of the camera's node that it opened to read and write: the kernel
 //! has then checked its rights (group, or the list that logind keeps for the user at the desk). It is asked for with each `Watch`, so
 //! rights that were lost count from the next one on, as they would for a program that has the camera open itself.
 //!
@@ -31,7 +31,7 @@
 //! no free memory, or no room in the socket, is dropped for that companion alone. Connections, pieces of memory and their size are limited.
 
 mod client;
-mod guest;
+mod connection;
 mod lease;
 mod memory;
 mod proof;

@@ -1,4 +1,4 @@
-//! Who may have a camera's pictures: whoever can open the camera's node.
+//! Who may have a camera's pictures: a user who may open the camera's node.
 
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ mod tests {
         assert!(node.is_proven_by(opened("/dev/null", OFlags::RDWR)));
         assert!(!node.is_proven_by(opened("/dev/null", OFlags::RDONLY)), "who may only read may not have it");
         assert!(!node.is_proven_by(opened("/dev/null", OFlags::WRONLY)));
-        assert!(!node.is_proven_by(opened("/dev/null", OFlags::PATH)), "anybody can open it so");
+        assert!(!node.is_proven_by(opened("/dev/null", OFlags::PATH)), "every user can open it so");
         assert!(!node.is_proven_by(opened("/dev/null", OFlags::PATH | OFlags::RDWR)));
         assert!(!node.is_proven_by(opened("/dev/zero", OFlags::RDWR)), "another device");
         let (reader, _writer) = std::io::pipe().unwrap();

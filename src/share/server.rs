@@ -13,7 +13,7 @@ use crossbeam_channel::{Sender, TrySendError, bounded};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, bind, listen, socket_with};
 
-use super::guest::Guest;
+use super::connection::Connection;
 use super::lease::{Lease, Leases, Outlet};
 use super::proof::CameraNode;
 use super::wire::Format;
@@ -23,13 +23,13 @@ use crate::rt::notifier::Notifier;
 /// The socket's name in a runtime directory.
 const NAME: &str = "pictures.sock";
 
-/// Companions at a time. Whoever comes then takes the place of the one that has shown no proof for longest.
-const MOST_GUESTS: usize = 8;
+/// Companions at a time. One more takes the place of the one that has shown no proof for longest.
+const MOST_CONNECTIONS: usize = 8;
 
-/// Connections in a second, at most; whoever comes then waits.
+/// Connections accepted in a second, at most; others wait.
 const MOST_ARRIVALS: u32 = 50;
 
-/// How often the camera's node is looked for while somebody watches who could not prove anything: it may have been plugged in.
+/// How often the camera's node is looked for while a companion that is watched could not prove anything: it may have been plugged in.
 const LOOK_FOR_CAMERA: Duration = Duration::from_secs(1);
 
 /// Descriptors that wait to be closed, at most.
@@ -77,7 +77,7 @@ impl Companions {
         let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
         self.asked().pictures = Some((format.width, format.height, format.interval));
         self.0.notifier.notify();
-        Outlet::new(self.0.leases.clone(), MOST_GUESTS, format)
+        Outlet::new(self.0.leases.clone(), MOST_CONNECTIONS, format)
     }
 
     /// The camera's node is `path`: who proved something for another has to prove it again.
@@ -91,9 +91,14 @@ impl Companions {
         self.0.connected.load(Ordering::Relaxed)
     }
 
-    /// Companions whose node somebody watches, and that may have the camera's pictures.
+    /// Companions whose node a program watches, and that may have the camera's pictures.
     pub fn watching(&self) -> u32 {
         self.0.watching.load(Ordering::Relaxed)
+    }
+
+    /// Pictures that companions got, and pictures that one of them missed, since the beginning.
+    pub fn counts(&self) -> (u64, u64) {
+        self.0.leases.counts()
     }
 
     /// The size that a companion's readers hold, where they hold one.
@@ -173,7 +178,7 @@ impl Server {
             move |error: io::Error| format!("{path}: cannot {what}: {error}; output.pipewire = false does without")
         };
         fs::create_dir_all(directory).map_err(told("make its directory"))?;
-        // Made under a name of its own, then renamed: whatever was left there is replaced, and nobody finds a socket that refuses.
+        // Made under a name of its own, then renamed: what was left there is replaced, and no companion finds a socket that refuses.
         let fresh = directory.join(format!("{NAME}.{}", std::process::id()));
         let _ = fs::remove_file(&fresh);
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
@@ -209,7 +214,7 @@ impl Server {
         let mut round = Round {
             server: self,
             closing,
-            guests: Vec::new(),
+            connections: Vec::new(),
             left: Vec::new(),
             format: None,
             camera: None,
@@ -220,7 +225,7 @@ impl Server {
             round.step(done, locate);
         }
         self.companions.0.leases.change(Vec::clear);
-        round.guests.into_iter().for_each(|guest| drop(guest.leave()));
+        round.connections.into_iter().for_each(|connection| drop(connection.leave()));
         self.companions.set(0, 0, None);
     }
 }
@@ -237,7 +242,7 @@ impl Drop for Server {
 struct Round<'a> {
     server: &'a Server,
     closing: Closing,
-    guests: Vec<Guest>,
+    connections: Vec<Connection>,
     /// Who went, as long as the frame path may still have them.
     left: Vec<Arc<Lease>>,
     format: Option<Format>,
@@ -253,20 +258,20 @@ impl Round<'_> {
         let ready = self.wait(done);
         self.server.companions.0.notifier.clear();
         self.look_for_camera(locate);
-        self.take_note();
+        self.tell_changes();
         let (closing, camera, format) = (&self.closing, self.camera.as_ref(), self.format.as_ref());
         let mut gone = Vec::new();
-        for (index, guest) in self.guests.iter_mut().enumerate() {
-            let heard = ready.guests.get(index).copied().unwrap_or(false);
-            if heard && let Err(why) = guest.hear(camera, format, closing) {
+        for (index, connection) in self.connections.iter_mut().enumerate() {
+            let heard = ready.connections.get(index).copied().unwrap_or(false);
+            if heard && let Err(why) = connection.hear(camera, format, closing) {
                 gone.push((index, why));
             }
         }
         for (index, why) in gone.into_iter().rev() {
-            self.see_off(index, &why);
+            self.disconnect(index, &why);
         }
         if ready.listener {
-            self.take_in();
+            self.accept();
         }
         // The frame path lets go of those who went with its next frame.
         let (free, still): (Vec<_>, Vec<_>) =
@@ -286,20 +291,22 @@ impl Round<'_> {
             PollFd::from_borrowed_fd(self.server.companions.0.notifier.fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(self.server.listener.as_fd(), if crowded { PollFlags::empty() } else { PollFlags::IN }),
         ];
-        fds.extend(self.guests.iter().map(|guest| PollFd::from_borrowed_fd(guest.lease.socket.as_fd(), PollFlags::IN)));
-        let waits = crowded || self.guests.iter().any(Guest::waits_for_proof) || !self.left.is_empty();
+        fds.extend(
+            self.connections.iter().map(|connection| PollFd::from_borrowed_fd(connection.lease.socket.as_fd(), PollFlags::IN)),
+        );
+        let waits = crowded || self.connections.iter().any(Connection::waits_for_proof) || !self.left.is_empty();
         let patience = waits.then(|| Timespec::try_from(LOOK_FOR_CAMERA).ok()).flatten();
         if poll(&mut fds, patience.as_ref()).is_err() {
             return Ready::default();
         }
         let readable = |fd: &PollFd<'_>| !fd.revents().is_empty();
-        Ready { listener: readable(&fds[2]), guests: fds[3..].iter().map(readable).collect() }
+        Ready { listener: readable(&fds[2]), connections: fds[3..].iter().map(readable).collect() }
     }
 
-    /// Somebody watches and could prove nothing, as it is not known where the camera is: looks for it.
+    /// Looks for the camera where a companion that is watched could prove nothing because it is not known where the camera is.
     fn look_for_camera(&mut self, locate: &dyn Fn() -> Option<PathBuf>) {
         let lost = self.camera.as_ref().is_none_or(|camera| CameraNode::at(&camera.path).as_ref() != Some(camera));
-        if lost && self.guests.iter().any(Guest::waits_for_proof) && self.looked.elapsed() >= LOOK_FOR_CAMERA / 2 {
+        if lost && self.connections.iter().any(Connection::waits_for_proof) && self.looked.elapsed() >= LOOK_FOR_CAMERA / 2 {
             self.looked = Instant::now();
             if let Some(path) = locate() {
                 self.server.companions.camera_is(&path);
@@ -307,62 +314,62 @@ impl Round<'_> {
         }
     }
 
-    /// Tells everybody where the pictures or the camera have changed.
-    fn take_note(&mut self) {
+    /// Tells all companions where the pictures or the camera have changed.
+    fn tell_changes(&mut self) {
         let Some(format) = self.server.companions.format() else { return };
         let node = CameraNode::at(&format.camera);
         let same_camera = node == self.camera;
         if self.format.as_ref() == Some(&format) && same_camera {
             return;
         }
-        for guest in &mut self.guests {
-            guest.tell(&format, !same_camera);
+        for connection in &mut self.connections {
+            connection.tell(&format, !same_camera);
         }
         (self.format, self.camera) = (Some(format), node);
     }
 
-    fn take_in(&mut self) {
+    fn accept(&mut self) {
         while self.arrivals.1 < MOST_ARRIVALS
             && let Ok(socket) = accept_with(&self.server.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK)
         {
             self.arrivals.1 += 1;
-            if self.guests.len() >= MOST_GUESTS {
-                match self.guests.iter().position(|guest| !guest.is_proven()) {
-                    Some(index) => self.see_off(index, "another took its place"),
+            if self.connections.len() >= MOST_CONNECTIONS {
+                match self.connections.iter().position(|connection| !connection.is_proven()) {
+                    Some(index) => self.disconnect(index, "another took its place"),
                     None => continue,
                 }
             }
             if self.closing.is_stuck() {
                 continue;
             }
-            let mut guest = Guest::new(socket);
+            let mut connection = Connection::new(socket);
             if let Some(format) = &self.format {
-                guest.tell(format, false);
+                connection.tell(format, false);
             }
-            let lease = guest.lease.clone();
-            self.guests.push(guest);
+            let lease = connection.lease.clone();
+            self.connections.push(connection);
             self.server.companions.0.leases.change(|all| all.push(lease));
             tracing::debug!("a companion has connected");
         }
     }
 
-    fn see_off(&mut self, index: usize, why: &str) {
-        let guest = self.guests.remove(index);
-        self.server.companions.0.leases.change(|all| all.retain(|lease| !Arc::ptr_eq(lease, &guest.lease)));
-        let (sent, dropped) = (guest.lease.sent.load(Ordering::Relaxed), guest.lease.dropped.load(Ordering::Relaxed));
-        if guest.is_proven() {
+    fn disconnect(&mut self, index: usize, why: &str) {
+        let connection = self.connections.remove(index);
+        self.server.companions.0.leases.change(|all| all.retain(|lease| !Arc::ptr_eq(lease, &connection.lease)));
+        let (sent, dropped) = (connection.lease.sent.load(Ordering::Relaxed), connection.lease.dropped.load(Ordering::Relaxed));
+        if connection.is_proven() {
             tracing::info!(sent, dropped, "a PipeWire companion has gone: {why}");
         } else {
-            // Anybody can come and go: that must not fill the log.
+            // Every user can connect and disconnect: that must not fill the log.
             tracing::debug!("a PipeWire companion has gone: {why}");
         }
-        self.left.push(guest.leave());
+        self.left.push(connection.leave());
     }
 
     fn account(&self) {
-        let watching = self.guests.iter().filter(|guest| guest.watches()).count();
-        let held = self.guests.iter().find(|guest| guest.watches()).and_then(|guest| guest.size);
-        self.server.companions.set(self.guests.len(), watching, held);
+        let watching = self.connections.iter().filter(|connection| connection.watches()).count();
+        let held = self.connections.iter().find(|connection| connection.watches()).and_then(|connection| connection.size);
+        self.server.companions.set(self.connections.len(), watching, held);
     }
 }
 
@@ -370,10 +377,10 @@ impl Round<'_> {
 #[derive(Default)]
 struct Ready {
     listener: bool,
-    guests: Vec<bool>,
+    connections: Vec<bool>,
 }
 
-/// A thread that closes descriptors which strangers gave: closing one can take as long as its file system likes.
+/// A thread that closes descriptors received from companions: closing one can take as long as its file system takes.
 #[derive(Debug)]
 pub(super) struct Closing(Sender<OwnedFd>);
 
@@ -385,10 +392,10 @@ impl Closing {
         std::thread::Builder::new().name("closing".into()).spawn(run).ok().map(|_| Self(sender))
     }
 
-    /// Closes it, by and by.
+    /// Closes it on that thread.
     pub(super) fn close(&self, fd: OwnedFd) {
         if let Err(TrySendError::Full(fd)) = self.0.try_send(fd) {
-            // It stays open: there are few of these, as nobody new is taken in.
+            // It stays open: there are few of these, as no connection is accepted meanwhile.
             std::mem::forget(fd);
         }
     }

@@ -58,7 +58,7 @@ pub(super) enum FromDaemon {
 /// What a companion says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FromCompanion {
-    /// Whether somebody watches, and the size of the node.
+    /// Whether a program watches, and the size of the node.
     Watch {
         on: bool,
         size: (u32, u32),

@@ -2,6 +2,7 @@
 //!
 //! What is not installed is `SKIPPED`. The daemon's side is the library's server with numbered pictures instead of a camera's.
 
+mod endurance;
 mod faults;
 mod feed;
 mod producer;
@@ -13,9 +14,33 @@ use std::time::Duration;
 
 use producer::{Producer, node_name};
 use reader::Reader;
-use session::{session, silent_session, until};
+use session::{Running, Session, session, silent_session, until};
 
 const SIZE: (u32, u32) = (320, 240);
+
+/// A session, a daemon's side, a companion, and a reader that gets pictures.
+struct Stage {
+    session: Session,
+    producer: Producer,
+    companion: Running,
+    reader: Reader,
+}
+
+/// The same without a reader; `None` where the machine lacks something, which is said.
+fn offered(name: &str, size: (u32, u32)) -> Option<(Session, Producer, Running)> {
+    let session = session(name)?;
+    let producer = Producer::start(&session.folder, size, 0);
+    let companion = session.companion();
+    until("the node", || session.node(&node_name()).is_some());
+    Some((session, producer, companion))
+}
+
+fn staged(name: &str, size: (u32, u32)) -> Option<Stage> {
+    let (session, producer, companion) = offered(name, size)?;
+    let reader = Reader::start(&session, size);
+    reader.reaches(10);
+    Some(Stage { session, producer, companion, reader })
+}
 
 /// Whether the numbers only grow.
 fn grow(numbers: &[u32]) -> bool {
@@ -24,9 +49,7 @@ fn grow(numbers: &[u32]) -> bool {
 
 #[test]
 fn the_node_is_a_camera_of_one_format_and_listing_it_does_not_open_the_camera() {
-    let Some(session) = session("properties") else { return };
-    let producer = Producer::start(&session.folder, (1280, 720), 0);
-    let _companion = session.companion();
+    let Some((session, producer, _companion)) = offered("properties", (1280, 720)) else { return };
     until("the node", || session.node(&node_name()).is_some_and(|node| !node["params"]["EnumFormat"].is_null()));
     let node = session.node(&node_name()).unwrap();
     let of = |key: &str| node["props"][key].as_str().unwrap_or_default().to_owned();
@@ -52,10 +75,7 @@ fn the_node_is_a_camera_of_one_format_and_listing_it_does_not_open_the_camera() 
 
 #[test]
 fn two_readers_get_every_picture_in_order_and_the_camera_rests_when_they_have_left() {
-    let Some(session) = session("readers") else { return };
-    let producer = Producer::start(&session.folder, SIZE, 0);
-    let _companion = session.companion();
-    until("the node", || session.node(&node_name()).is_some());
+    let Some((session, producer, _companion)) = offered("readers", SIZE) else { return };
     let first = Reader::start(&session, SIZE);
     first.reaches(10);
     let second = Reader::start(&session, SIZE);
@@ -82,23 +102,18 @@ fn two_readers_get_every_picture_in_order_and_the_camera_rests_when_they_have_le
     second.reaches(from + 30);
     assert_eq!(producer.companions.watching(), 1);
     drop(second);
-    until("nobody watches", || producer.companions.watching() == 0);
+    until("no program watches", || producer.companions.watching() == 0);
     let resting = producer.number();
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(producer.number(), resting);
-    // And again, as often as somebody comes.
+    // And again, with each reader that comes.
     let third = Reader::start(&session, SIZE);
     third.reaches(resting + 10);
 }
 
 #[test]
 fn readers_keep_their_camera_while_the_daemon_is_away() {
-    let Some(session) = session("restart") else { return };
-    let producer = Producer::start(&session.folder, SIZE, 0);
-    let _companion = session.companion();
-    until("the node", || session.node(&node_name()).is_some());
-    let reader = Reader::start(&session, SIZE);
-    reader.reaches(30);
+    let Some(Stage { session, producer, companion: _companion, reader }) = staged("restart", SIZE) else { return };
     drop(producer);
     let last = *reader.numbers().last().unwrap();
     let before = reader.arrivals().len();
@@ -114,11 +129,8 @@ fn readers_keep_their_camera_while_the_daemon_is_away() {
 
 #[test]
 fn without_a_daemon_watchers_see_the_dark_picture_and_then_the_camera() {
-    let Some(session) = session("dark") else { return };
-    // It was there once, so its node is known, and went before anybody watched.
-    let producer = Producer::start(&session.folder, SIZE, 0);
-    let _companion = session.companion();
-    until("the node", || session.node(&node_name()).is_some());
+    // It was there once, so its node is known, and went before any program watched.
+    let Some((session, producer, _companion)) = offered("dark", SIZE) else { return };
     until("it is connected", || producer.companions.connected() == 1);
     drop(producer);
     let reader = Reader::start(&session, SIZE);
@@ -129,7 +141,7 @@ fn without_a_daemon_watchers_see_the_dark_picture_and_then_the_camera() {
 }
 
 #[test]
-fn the_node_has_the_size_that_the_daemon_has_when_nobody_holds_another() {
+fn the_node_has_the_daemon_s_size_unless_readers_hold_another() {
     let Some(session) = session("size") else { return };
     let _companion = session.companion();
     let size_is = |size: (u32, u32)| {
@@ -143,7 +155,7 @@ fn the_node_has_the_size_that_the_daemon_has_when_nobody_holds_another() {
     let reader = Reader::start(&session, SIZE);
     reader.reaches(5);
     drop(producer);
-    // Another camera: whoever watches holds the size, which the daemon is told.
+    // Another camera: programs that watch hold the size, which the daemon is told.
     let other = Producer::start(&session.folder, (640, 480), 2000);
     until("it is told", || other.companions.held_size() == Some(SIZE));
     std::thread::sleep(Duration::from_millis(600));
@@ -156,13 +168,8 @@ fn the_node_has_the_size_that_the_daemon_has_when_nobody_holds_another() {
 }
 
 #[test]
-fn formats_that_the_node_has_not_disturb_nobody() {
-    let Some(session) = session("formats") else { return };
-    let producer = Producer::start(&session.folder, SIZE, 0);
-    let _companion = session.companion();
-    until("the node", || session.node(&node_name()).is_some());
-    let reader = Reader::start(&session, SIZE);
-    reader.reaches(10);
+fn readers_that_ask_for_formats_that_the_node_has_not_disturb_no_other() {
+    let Some(Stage { session, producer, companion: _companion, reader }) = staged("formats", SIZE) else { return };
     for wants in ["video/x-raw,format=RGB", "video/x-raw,width=1000,height=500", "image/jpeg"] {
         let stranger = Reader::with(&session, SIZE, wants);
         std::thread::sleep(Duration::from_millis(700));
@@ -172,7 +179,7 @@ fn formats_that_the_node_has_not_disturb_nobody() {
     }
     // Alone as well, it leaves a node that others can use.
     drop(reader);
-    until("nobody watches", || producer.companions.watching() == 0);
+    until("no program watches", || producer.companions.watching() == 0);
     let stranger = Reader::with(&session, SIZE, "video/x-raw,format=RGB");
     std::thread::sleep(Duration::from_millis(700));
     assert_eq!(producer.companions.watching(), 0);

@@ -1,4 +1,4 @@
-//! A daemon as companions see it: numbered pictures at 30 a second, while somebody watches; a device that everybody may open stands for
+//! A daemon as companions see it: numbered pictures at 30 a second, while a program watches; a device that every user may open stands for
 //! the camera.
 
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use gimbald::rt::clock::monotonic_ns;
 use gimbald::rt::notifier::Notifier;
 use gimbald::share::{Companions, Server};
 
-/// Numbers begin anew after as many; four of them fit into the bits of luma.
+/// Numbers begin again at 0 after as many; four of them fit into the bits of luma.
 pub const NUMBERS: u32 = 1 << 16;
 
 pub struct Producer {
@@ -22,6 +22,8 @@ pub struct Producer {
     pub number: Arc<AtomicU32>,
     /// When each picture was sent, by its number.
     pub sent_ns: Arc<Vec<AtomicI64>>,
+    /// Processor time that the frame path spent on them, nanoseconds.
+    pub cpu_ns: Arc<AtomicI64>,
     over: Arc<AtomicBool>,
     done: Notifier,
     threads: Vec<JoinHandle<()>>,
@@ -52,9 +54,11 @@ impl Producer {
         let sent_ns: Arc<Vec<AtomicI64>> = Arc::new((0..NUMBERS).map(|_| AtomicI64::new(0)).collect());
         let notifier = done.clone();
         let serving = std::thread::spawn(move || server.serve(&notifier, &|| Some("/dev/null".into())));
-        let (ended, counted, times) = (over.clone(), number.clone(), sent_ns.clone());
+        let cpu_ns = Arc::new(AtomicI64::new(0));
+        let (ended, counted, times, spent) = (over.clone(), number.clone(), sent_ns.clone(), cpu_ns.clone());
         let sending = std::thread::spawn(move || {
             let mut picture = Picture::new(Sampling::S420, width as usize, height as usize);
+            draw(&mut picture);
             let mut due = Instant::now();
             while !ended.load(Relaxed) {
                 due += Duration::from_micros(33_333);
@@ -64,12 +68,14 @@ impl Producer {
                     write_number(&mut picture, number);
                     let now = monotonic_ns();
                     times[number as usize].store(now, Relaxed);
+                    let before = thread_ns();
                     outlet.send(picture.as_ref(), &Stamp { time_ns: now, ..Stamp::default() });
+                    spent.fetch_add(thread_ns() - before, Relaxed);
                     counted.store(number, Relaxed);
                 }
             }
         });
-        Self { companions, number, sent_ns, over, done, threads: vec![serving, sending] }
+        Self { companions, number, sent_ns, cpu_ns, over, done, threads: vec![serving, sending] }
     }
 
     pub fn number(&self) -> u32 {
@@ -82,6 +88,29 @@ impl Drop for Producer {
         self.over.store(true, Relaxed);
         self.done.notify();
         self.threads.drain(..).for_each(|thread| thread.join().unwrap());
+    }
+}
+
+/// Processor time of this thread, nanoseconds.
+fn thread_ns() -> i64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    now.tv_sec * 1_000_000_000 + now.tv_nsec
+}
+
+/// Something to look at: brighter to the right in 16 steps, bluer to the right and redder downwards.
+fn draw(picture: &mut Picture) {
+    let ramp = |at: usize, len: usize, from: usize, to: usize| (from + at * (to - from) / len) as u8;
+    for (index, mut plane) in picture.as_mut().planes.into_iter().enumerate() {
+        let (width, height) = (plane.width(), plane.height());
+        for y in 0..height {
+            for (x, value) in plane.row_mut(y).iter_mut().enumerate() {
+                *value = match index {
+                    0 => ramp(x * 16 / width, 16, 40, 230),
+                    1 => ramp(x, width, 64, 192),
+                    _ => ramp(y, height, 64, 192),
+                };
+            }
+        }
     }
 }
 

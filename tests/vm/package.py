@@ -85,6 +85,30 @@ def files():
     return set(found) | {path for path in listed if "gimbald" in path and os.path.exists(path)}
 
 
+class Login:
+    """A user's service manager, as a login starts it; with PipeWire, where the machine has that."""
+
+    def __init__(self, name):
+        run("useradd", "-m", "-G", "video", name)
+        self.name, self.uid = name, run("id", "-u", name)[1].strip()
+        self.runs = works("systemctl", "start", f"user@{self.uid}.service", patience=120)
+
+    def ctl(self, *words):
+        return run("systemctl", "--user", "--machine", f"{self.uid}@", *words)[1].strip()
+
+    def property(self, name):
+        return self.ctl("show", "-P", name, "gimbald-pipewire")
+
+    def has_camera(self):
+        said = run("runuser", "-u", self.name, "--", "env", f"XDG_RUNTIME_DIR=/run/user/{self.uid}", "pw-dump")[1]
+        return '"node.name": "gimbald"' in said
+
+
+def enabled():
+    """What the companion's unit is for all users."""
+    return run("systemctl", "--global", "is-enabled", "gimbald-pipewire")[1].strip().splitlines()[-1]
+
+
 listed = []
 before_it = files()
 # A system call that is not on the unit's list kills the service, and is not only refused.
@@ -94,6 +118,7 @@ for folder in ["gimbald.service.d", "gimbald@.service.d"]:
 # The index of all manuals, which an installation brings up to date, takes minutes on a machine that has very many.
 if os.path.exists("/var/lib/man-db/auto-update"):
     os.remove("/var/lib/man-db/auto-update")
+early = Login("early")
 report.say("installation")
 report.check("the package is installed", works("dpkg", "-i", package, patience=240))
 report.check("the service is enabled", run("systemctl", "is-enabled", "gimbald")[1].strip() == "enabled")
@@ -101,7 +126,7 @@ report.check("and runs", until(20, lambda: run("systemctl", "is-active", "gimbal
 # The machine may leave manuals and licences out (dpkg's path-exclude): what the package has counts.
 listed = run("dpkg", "-L", "gimbald")[1].split()
 for path in [
-    "/etc/gimbald.toml", "/etc/modprobe.d/gimbald.conf", "/usr/lib/udev/rules.d/60-gimbald.rules",
+    "/usr/lib/systemd/user/gimbald-pipewire.service", "/etc/gimbald.toml", "/etc/modprobe.d/gimbald.conf", "/usr/lib/udev/rules.d/60-gimbald.rules",
     "/usr/share/man/man1/gimbald.1.gz", "/usr/share/man/man5/gimbald.toml.5.gz", "/usr/share/man/man1/gimbald-status.1.gz", "/usr/share/doc/gimbald/copyright",
     "/usr/share/doc/gimbald/THIRD-PARTY.gz", "/usr/share/doc/gimbald/COPYRIGHT-library.html.gz", "/usr/share/doc/gimbald/SECURITY.md",
     "/usr/share/bash-completion/completions/gimbald", "/usr/share/zsh/vendor-completions/_gimbald",
@@ -111,6 +136,23 @@ if "verify" in run("udevadm", "--help")[1]:
     report.check("the udev rules are understood", works("udevadm", "verify", "/usr/lib/udev/rules.d/60-gimbald.rules"))
 else:
     report.say("SKIPPED: whether the udev rules are understood: this udevadm has no `verify`")
+report.check("the companion is enabled for all users", enabled() == "enabled")
+with open("/usr/lib/systemd/user/gimbald-pipewire.service") as file:
+    report.check("      and begins after PipeWire", "\nAfter=pipewire.service\n" in file.read())
+report.check("      its unit is right", works("env", "XDG_RUNTIME_DIR=/run", "systemd-analyze", "verify", "--user", "--man=no", "/usr/lib/systemd/user/gimbald-pipewire.service"))
+if not early.runs:
+    report.say("SKIPPED: the companion in a session: no user's service manager starts here")
+else:
+    report.check("      and was started in a session that was there", until(20, lambda: early.property("ActiveState") == "active"))
+    later = Login("later")
+    report.check("      and starts with a session", until(30, lambda: later.property("ActiveState") == "active"))
+    if run("which", "pipewire")[0]:
+        report.say("SKIPPED: the camera in a session: PipeWire is not installed")
+    else:
+        report.check("      which then has the camera", until(30, later.has_camera))
+    companion = later.property("MainPID")
+    run("kill", "-KILL", companion)
+    report.check("      and again when it is killed", until(10, lambda: later.property("MainPID") not in ("0", companion)))
 report.check("the completions are shell", works("bash", "-n", "/usr/share/bash-completion/completions/gimbald"))
 report.check("files are as packed", works("dpkg", "--verify", "gimbald"))
 for unit in ["gimbald.service", "gimbald@.service"]:
@@ -351,12 +393,22 @@ report.check("and so was the other", until(20, lambda: property_of("MainPID", "g
 with open("/etc/gimbald.toml") as file:
     report.check("the administrator's file stays", "9464" in file.read())
 works("systemctl", "disable", "gimbald")
+companion = later.property("MainPID") if early.runs else ""
 report.check("installed once more", works("dpkg", "-i", package, patience=240))
+if early.runs:
+    report.check("      the companion that ran still runs: programs keep their camera", later.property("MainPID") == companion)
 report.check("what was disabled stays disabled", run("systemctl", "is-enabled", "gimbald")[1].strip() == "disabled")
+report.check("      but the companion, which was not", enabled() == "enabled")
+works("systemctl", "--global", "disable", "gimbald-pipewire")
+report.check("and again with that disabled", works("dpkg", "-i", package, patience=240))
+report.check("      it stays disabled", enabled() == "disabled")
+works("systemctl", "--global", "enable", "gimbald-pipewire")
 report.check("no system call was missing from the list", "status=31/SYS" not in run("journalctl", "-b", "-o", "cat", "--no-pager")[1])
 report.check("removed", works("dpkg", "-r", "gimbald", patience=240))
 report.check("nothing runs", run("pgrep", "-x", "gimbald")[0] != 0)
 report.check("the program is gone", not os.path.exists("/usr/bin/gimbald"))
+if early.runs:
+    report.check("no session has the companion any more", early.property("ActiveState") != "active" and later.property("ActiveState") != "active")
 report.check("the configuration stays", os.path.exists("/etc/gimbald.toml"))
 report.check("purged", works("dpkg", "-P", "gimbald", patience=240))
 left = [path for path in files() - before_it if not path.startswith("/etc/gimbald")]

@@ -25,8 +25,13 @@ struct Seen {
     objects: Option<Vec<serde_json::Value>>,
 }
 
-/// Looks at PipeWire as this user has it.
-pub(super) fn looked_at(instance: Option<&str>, loopback: Option<&Path>) -> Vec<Finding> {
+/// Whether there is a library to make PipeWire cameras with.
+pub(super) fn is_usable() -> bool {
+    Library::open().is_ok()
+}
+
+/// Looks at PipeWire as this user has it. `wanted`: the value of `output.pipewire`, `None` for "auto".
+pub(super) fn looked_at(instance: Option<&str>, loopback: Option<&Path>, wanted: Option<bool>) -> Vec<Finding> {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR");
     let runs = runtime.map(|runtime| Path::new(&runtime).join("pipewire-0").exists());
     let seen = Seen {
@@ -38,7 +43,7 @@ pub(super) fn looked_at(instance: Option<&str>, loopback: Option<&Path>) -> Vec<
             lists.map_while(Result::ok).flatten().collect()
         }),
     };
-    judged(&seen, instance, loopback)
+    judged(&seen, instance, loopback, wanted)
 }
 
 /// What a program writes to its standard output, whatever its exit code; `None` where it is not there.
@@ -47,10 +52,16 @@ fn said(program: &str, arguments: &[&str]) -> Option<String> {
     Some(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<Finding> {
+/// With `output.pipewire = "auto"` PipeWire may be absent without harm where there is a loopback; otherwise what is missing is advice, and a
+/// fault where the library is missing that the setting `true` counts on.
+fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>, wanted: Option<bool>) -> Vec<Finding> {
     let note = |what: String| Finding::note("pipewire", what);
     let version = match &seen.library {
         Some(Ok(version)) => version,
+        Some(Err(missing)) if wanted == Some(true) => {
+            let mend = "install it, or set output.pipewire = \"auto\"";
+            return vec![Finding::fault("pipewire", format!("no PipeWire camera: {missing}"), mend)];
+        }
         Some(Err(missing)) => return vec![note(format!("no PipeWire camera: {missing}"))],
         None => return Vec::new(),
     };
@@ -84,7 +95,12 @@ fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>) -> Vec<F
         }
         (false, ..) => {
             let what = format!("PipeWire is running, but no companion offers the camera {node}");
-            findings.push(Finding::advice("pipewire", what, format!("systemctl --user enable --now {UNIT}")));
+            let mend = format!("systemctl --user enable --now {UNIT}");
+            findings.push(if wanted.is_none() && loopback.is_some() {
+                note(format!("{what}; to enable it: {mend}"))
+            } else {
+                Finding::advice("pipewire", what, mend)
+            });
         }
     }
     if is_there {
@@ -140,7 +156,7 @@ mod tests {
             unit: Some("active".into()),
             objects: Some(vec![there, twin]),
         };
-        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")));
+        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")), Some(true));
         let good = judge(&seen);
         assert!(
             good[0].severity == Severity::Good && good.iter().all(|finding| finding.severity <= Severity::Note),
@@ -150,14 +166,22 @@ mod tests {
         for part in ["WebRtcPipeWireCamera", "media.webrtc.camera.allow-pipewire", "lists the loopback /dev/video9"] {
             assert!(text.contains(part), "{part} in {text}");
         }
-        let missed = judged(&seen, None, Some(Path::new("/dev/video8")));
+        let missed = judged(&seen, None, Some(Path::new("/dev/video8")), None);
         assert!(words(&missed).contains("restart wireplumber"));
-        let other = judged(&seen, Some("desk"), None);
+        let other = judged(&seen, Some("desk"), None, None);
         assert!(other[0].severity == Severity::Advice && other[0].what.contains("gimbald.desk"), "{other:?}");
-        let stopped = judge(&Seen { unit: Some("inactive".into()), objects: Some(Vec::new()), ..seen.clone() });
+        let stopped_seen = Seen { unit: Some("inactive".into()), objects: Some(Vec::new()), ..seen.clone() };
+        let stopped = judge(&stopped_seen);
         assert!(stopped[0].mend.contains("enable --now gimbald-pipewire"), "{stopped:?}");
+        let automatic = judged(&stopped_seen, None, Some(Path::new("/dev/video9")), None);
+        assert!(automatic[0].severity == Severity::Note && automatic[0].what.contains("if you want it"), "{automatic:?}");
+        let alone = judged(&stopped_seen, None, None, None);
+        assert!(alone[0].severity == Severity::Advice, "without a loopback it is the only output: {alone:?}");
+        let lacking = Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() };
+        assert_eq!(judge(&lacking)[0].severity, Severity::Fault, "it was counted on");
+        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")), None);
         for (seen, part) in [
-            (Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() }, "install libpipewire"),
+            (lacking, "install libpipewire"),
             (Seen { runs: None, ..seen.clone() }, "without sudo"),
             (Seen { runs: Some(false), ..seen.clone() }, "is not running"),
         ] {

@@ -195,7 +195,7 @@ proptest! {
                     }
                     Kind::Count { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
                     Kind::Choice { words, get, .. } => prop_assert!(words.contains(&get(&settings))),
-                    Kind::Switch { .. } => {}
+                    Kind::Switch { .. } | Kind::SwitchOrAuto { .. } => {}
                     Kind::Text { get, .. } => prop_assert!(!get(&settings).is_empty()),
                     Kind::Form { fits, get, .. } => prop_assert!(fits(get(&settings))),
                 }
@@ -217,6 +217,7 @@ proptest! {
             }
             Kind::Choice { words, set, .. } => set(&mut settings, words[(count % words.len() as u64) as usize]),
             Kind::Switch { set, .. } => set(&mut settings, count % 2 == 1),
+            Kind::SwitchOrAuto { set, .. } => set(&mut settings, (count % 3 != 0).then_some(count % 3 == 1)),
             Kind::Form { .. } => {}
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
         }

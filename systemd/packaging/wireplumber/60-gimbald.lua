@@ -1,5 +1,5 @@
 -- WirePlumber 0.4: hides from PipeWire's programs what gimbald's own camera replaces. Copy to ~/.config/wireplumber/main.lua.d/ (or
--- /etc/wireplumber/main.lua.d/ for everybody), take the marks from the lines you want, then: systemctl --user restart wireplumber
+-- /etc/wireplumber/main.lua.d/ for all users), uncomment the rules you want, then: systemctl --user restart wireplumber
 
 -- The loopback's twin: without this rule programs list gimbald twice.
 table.insert(v4l2_monitor.rules, {

@@ -26,7 +26,7 @@ const MOST_FDS: usize = 253;
 
 /// A connected companion.
 #[derive(Debug)]
-pub(super) struct Guest {
+pub(super) struct Connection {
     pub(super) lease: Arc<Lease>,
     /// The size of its node, once it said so.
     pub(super) size: Option<(u32, u32)>,
@@ -39,14 +39,14 @@ pub(super) struct Guest {
     counted: (Instant, u32),
 }
 
-impl Guest {
+impl Connection {
     pub(super) fn new(socket: OwnedFd) -> Self {
         let lease = Arc::new(Lease::new(socket));
         let (lent, resting) = (Vec::with_capacity(MOST_LENT), Vec::with_capacity(MOST_LENT));
         Self { lease, size: None, watched: false, proven: false, lent, resting, counted: (Instant::now(), 0) }
     }
 
-    /// Whether somebody watches who may.
+    /// Whether a program watches whose user may.
     pub(super) fn watches(&self) -> bool {
         self.watched && self.proven
     }
@@ -68,7 +68,7 @@ impl Guest {
         self.judge(Some(format));
     }
 
-    /// Whoever does not read misses it; the next one to be told is not.
+    /// A companion that does not read misses it.
     fn say(&self, message: &FromDaemon) {
         let _ = send(&self.lease.socket, message.packet().bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
     }
