@@ -64,7 +64,7 @@ fn looks_like(begin: &[u8]) -> (&'static str, bool) {
         () if at(0, b"\xff\xd8\xff") => ("it is a bare JPEG picture or MJPEG stream", true),
         () if at(0, b"\0\0\0\x01") || at(0, b"\0\0\x01") => ("it is a bare H.264 or H.265 stream", true),
         () if at(0, b"\x89GBR") || at(0, b"YUV4") => ("its first bytes are those of a damaged recording or y4m file", false),
-        () => ("it is neither y4m nor a recording, nor a video file of a known kind", false),
+        () => ("it is neither a y4m file nor a recording, nor another video file of a known kind", false),
     }
 }
 
