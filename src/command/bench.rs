@@ -117,7 +117,7 @@ pub fn table(out: &mut dyn Write, done: &[Measured]) -> io::Result<()> {
             1e-6 * copy.cache_ns as f64
         )?;
     }
-    writeln!(out, "pixel loops: {}", Level::detected().name())?;
+    writeln!(out, "SIMD level: {}", Level::detected().name())?;
     writeln!(
         out,
         "x memory: time of the frame, without decoding, relative to a plain copy of its 4:2:0 picture from memory to memory (ring buffers \

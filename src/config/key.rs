@@ -136,20 +136,13 @@ impl Key {
             Written::Float(number) => Some(*number),
             _ => None,
         };
+        let within = |range: &(f64, f64)| number.filter(|number| (range.0..=range.1).contains(number));
         match (&self.kind, value) {
             (Kind::Number { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
-                let fits = number.filter(|number| (range.0..=range.1).contains(number));
-                if let Some(number) = fits {
-                    set(settings, number);
-                }
-                fits.is_some()
+                within(range).map(|number| set(settings, number)).is_some()
             }
             (Kind::NumberOrAuto { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
-                let fits = number.filter(|number| (range.0..=range.1).contains(number));
-                if fits.is_some() {
-                    set(settings, fits);
-                }
-                fits.is_some()
+                within(range).map(|number| set(settings, Some(number))).is_some()
             }
             (Kind::NumberOrAuto { set, .. }, Written::Text(word)) if word == AUTO => {
                 set(settings, None);

@@ -36,6 +36,23 @@ impl Text {
         counts.iter().for_each(|(which, count)| self.value(name, &[(label, which)], *count as f64));
     }
 
+    /// Frames that were lost or unusable, failed transfers, restarts.
+    fn problems(&mut self, status: &Status) {
+        let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = status.drops;
+        let causes = [
+            ("camera_missing", camera_missing),
+            ("camera_stale", camera_stale),
+            ("damaged", damaged),
+            ("cut", cut),
+            ("behind", behind),
+        ];
+        self.counts("lost_frames_total", "Frames that were not shown, or only in part, by cause.", "cause", &causes);
+        let reasons = Reason::ALL.map(Reason::name).map(|name| (name, status.unusable_frames.get(name).copied().unwrap_or(0)));
+        self.counts("unusable_frames_total", "Unusable frames, by reason.", "reason", &reasons);
+        self.count("failed_transfers_total", "Failed transfers from cameras.", failed_transfers);
+        self.count("stream_restarts_total", "Restarts of camera streams after failures.", restarts);
+    }
+
     /// The histogram of the time from capture to output.
     fn latency(&mut self, metrics: &Metrics) {
         self.family("latency_seconds", "histogram", "Time from capture to output.");
@@ -93,19 +110,7 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.count("captured_frames_total", "Frames captured.", captured);
     let outcomes = [("stabilized", stabilized), ("repeated", held), ("uncorrected", passed_through)];
     text.counts("sent_frames_total", "Frames sent, by outcome.", "outcome", &outcomes);
-    let Drops { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = status.drops;
-    let causes = [
-        ("camera_missing", camera_missing),
-        ("camera_stale", camera_stale),
-        ("damaged", damaged),
-        ("cut", cut),
-        ("behind", behind),
-    ];
-    text.counts("lost_frames_total", "Frames that were not shown, or only in part, by cause.", "cause", &causes);
-    let reasons = Reason::ALL.map(Reason::name).map(|name| (name, status.unusable_frames.get(name).copied().unwrap_or(0)));
-    text.counts("unusable_frames_total", "Unusable frames, by reason.", "reason", &reasons);
-    text.count("failed_transfers_total", "Failed transfers from cameras.", failed_transfers);
-    text.count("stream_restarts_total", "Restarts of camera streams after failures.", restarts);
+    text.problems(status);
     text.count("cameras_opened_total", "Number of times a camera was opened.", status.cameras_opened);
     text.latency(metrics);
     if let Some(spread) = status.crop_use {

@@ -405,7 +405,7 @@ mod tests {
         }
         assert!(!text.contains('\u{1b}'));
         let idle = Status { watched: Some(false), pipewire: Some(PipewireInfo::default()), ..Status::default() }.to_string();
-        assert!(idle.contains("watched        no\npipewire       no companion is connected;"), "{idle}");
+        assert!(idle.contains("viewers        none\npipewire       no companions;"), "{idle}");
         let json = serde_json::to_string(&status).unwrap();
         assert_eq!(serde_json::from_str::<Status>(&json).unwrap(), status);
         // a newer or older daemon's answer is read as far as it goes

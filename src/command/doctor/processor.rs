@@ -15,7 +15,7 @@ use crate::rt::stop::Stop;
 const USUAL: ([u32; 2], f64) = ([1280, 720], 30.0);
 /// Frames of a rehearsal, at most, and how long it may take.
 const REHEARSAL: (u64, Duration) = (60, Duration::from_secs(1));
-/// Up to one frame of so many may be given up for a newer one before it is worth acting upon: others use the machine, too.
+/// Up to one in so many frames may be dropped late without advice: other programs use the machine, too.
 const FEW: u64 = 20;
 
 /// What a frame costs.
@@ -23,11 +23,11 @@ const FEW: u64 = 20;
 struct Cost {
     /// What the frames are, for people.
     frames: String,
-    /// Frames a second that are wanted.
+    /// The wanted frame rate.
     fps: f64,
     /// Work on a frame, milliseconds of one core.
     work_ms: f64,
-    /// Whether so many frames a second are more than the machine holds.
+    /// Whether that is more than the machine can sustain.
     too_much: bool,
 }
 
@@ -35,30 +35,30 @@ struct Cost {
 pub(super) fn looked_at(settings: &Settings, status: Option<&Status>) -> Finding {
     let (level, best) = (Level::detected(), Level::best());
     if level < best {
-        let what = format!("{LEVEL_VARIABLE}={} leaves {} unused", level.name(), best.name());
+        let what = format!("{LEVEL_VARIABLE}={} disables {}", level.name(), best.name());
         return Finding::advice("processor", what, format!("unset {LEVEL_VARIABLE}"));
     }
     match status.and_then(at_work).or_else(|| rehearsed(settings)) {
         Some(cost) => judged(level.name(), &cost),
-        None => Finding::good("processor", format!("{} is used", level.name())),
+        None => Finding::good("processor", format!("using {}", level.name())),
     }
 }
 
 fn judged(level: &str, cost: &Cost) -> Finding {
     let Cost { frames, fps, work_ms, too_much } = cost;
-    let what = format!("{level} is used; {frames}: {work_ms:.1} ms a frame, measured");
+    let what = format!("using {level}; {frames}: {work_ms:.1} ms per frame");
     if *too_much {
-        let mend = "smaller pictures (camera.width = 640, camera.height = 480) or fewer (camera.fps); gimbald bench measures what is held";
-        return Finding::advice("processor", format!("{what}: too long for {fps:.0} frames a second"), mend);
+        let mend = "use a smaller size (camera.width = 640, camera.height = 480) or a lower rate (camera.fps); `gimbald bench` measures what is possible";
+        return Finding::advice("processor", format!("{what}: too slow for {fps:.0} fps"), mend);
     }
-    Finding::good("processor", format!("{what}: {:.0} % of a core at {fps:.0} frames a second", 0.1 * work_ms * fps))
+    Finding::good("processor", format!("{what}, {:.0} % of a core at {fps:.0} fps", 0.1 * work_ms * fps))
 }
 
 /// What the daemon measures, where it streams and has said so.
 fn at_work(status: &Status) -> Option<Cost> {
     let (camera, work) = (status.camera.as_ref()?, status.work_ms?);
     Some(Cost {
-        frames: format!("{}x{} {}, by the daemon", camera.width, camera.height, camera.format),
+        frames: format!("{}x{} {} (measured by the daemon)", camera.width, camera.height, camera.format),
         fps: camera.fps,
         work_ms: work.p50,
         too_much: status.drops.behind.saturating_mul(FEW) > status.frames.captured,
@@ -75,7 +75,7 @@ fn rehearsed(settings: &Settings) -> Option<Cost> {
     let work_ms = measured.stats.total().median_ms;
     let unpack_ms = measured.stats.stage(Stage::Unpack).median_ms;
     Some(Cost {
-        frames: format!("{}x{} {pixel}, in a rehearsal", size[0], size[1]),
+        frames: format!("{}x{} {pixel} (benchmark)", size[0], size[1]),
         fps,
         work_ms,
         // unpacking has a thread of its own
@@ -106,11 +106,11 @@ mod tests {
         assert_eq!(good.severity, Severity::Good);
         assert_eq!(
             good.what,
-            "neon is used; 1280x720 MJPG, by the daemon: 13.0 ms a frame, measured: 39 % of a core at 30 frames a second"
+            "using neon; 1280x720 MJPG (measured by the daemon): 13.0 ms per frame, 39 % of a core at 30 fps"
         );
         let slow = judged("scalar", &at_work(&at(51.0, 300)).unwrap());
         assert!(slow.severity == Severity::Advice && slow.mend.contains("camera.width"), "{slow}");
-        assert!(slow.what.ends_with("51.0 ms a frame, measured: too long for 30 frames a second"), "{slow}");
+        assert!(slow.what.ends_with("51.0 ms per frame: too slow for 30 fps"), "{slow}");
         assert_eq!(at_work(&Status { camera: None, ..at(13.0, 0) }), None, "it does not stream");
     }
 
@@ -120,7 +120,7 @@ mod tests {
         (settings.camera.width, settings.camera.height, settings.camera.fps) = (160, 120, 5.0);
         settings.camera.format = Some(PixelFormat::Yuyv);
         let cost = rehearsed(&settings).unwrap();
-        assert_eq!((cost.frames.as_str(), cost.fps), ("160x120 YUYV, in a rehearsal", 5.0));
+        assert_eq!((cost.frames.as_str(), cost.fps), ("160x120 YUYV (benchmark)", 5.0));
         assert!(cost.work_ms > 0.0);
     }
 }
