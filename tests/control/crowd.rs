@@ -143,7 +143,7 @@ fn idle_connections_make_room() {
         assert!(said(&scratch.gimbald(&["status"])).contains("state "));
         // the seventeenth of this process took the place of the first, which was told so
         let Reply::Refused(refusal) = reply(&idle[0]) else { panic!("not refused") };
-        assert!(refusal.kind == RefusalKind::Busy && refusal.error.contains("in its place"), "{refusal:?}");
+        assert!(refusal.kind == RefusalKind::Busy && refusal.error.contains("in favour of another client"), "{refusal:?}");
         assert!(hung_up(&idle[0]));
         // those that are left are served
         for stream in &mut idle[1..] {

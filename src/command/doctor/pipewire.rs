@@ -174,7 +174,7 @@ mod tests {
         let stopped = judge(&stopped_seen);
         assert!(stopped[0].mend.contains("enable --now gimbald-pipewire"), "{stopped:?}");
         let automatic = judged(&stopped_seen, None, Some(Path::new("/dev/video9")), None);
-        assert!(automatic[0].severity == Severity::Note && automatic[0].what.contains("if you want it"), "{automatic:?}");
+        assert!(automatic[0].severity == Severity::Note && automatic[0].what.contains("to enable it"), "{automatic:?}");
         let alone = judged(&stopped_seen, None, None, None);
         assert!(alone[0].severity == Severity::Advice, "without a loopback it is the only output: {alone:?}");
         let lacking = Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() };

@@ -2,7 +2,7 @@
 
 use turbojpeg::{Compressor, Subsamp, YuvImage};
 
-use crate::image::{PictureRef, Sampling, ToFull};
+use crate::image::{PictureRef, PlaneMut, Sampling, ToFull};
 use crate::kernel::convert::{NEUTRAL, to_full};
 
 /// Writes pictures as baseline JPEG of full range, as JFIF has it. Keeps its memory from one picture to the next.
@@ -32,21 +32,29 @@ impl Jpeg {
     /// libjpeg-turbo's words, as where the picture has no pixels.
     pub fn encode(&mut self, picture: PictureRef<'_>) -> Result<&[u8], String> {
         let (width, height) = (picture.width(), picture.height());
+        if width == 0 || height == 0 {
+            return Err("the picture has no pixels".into());
+        }
         let sampling = if picture.sampling == Sampling::Mono { Sampling::S420 } else { picture.sampling };
+        let (right, down) = sampling.shift().unwrap_or((0, 0));
         let subsamp = match sampling {
             Sampling::S422 => Subsamp::Sub2x1,
             Sampling::S444 => Subsamp::None,
             _ => Subsamp::Sub2x2,
         };
-        let (chroma_width, chroma_height) = sampling.chroma_size(width, height);
-        let (luma, chroma) = (width * height, chroma_width * chroma_height);
+        // libjpeg-turbo wants luma for every chroma sample, at odd sizes too.
+        let luma = (width.next_multiple_of(1 << right), height.next_multiple_of(1 << down));
+        let chroma = sampling.chroma_size(width, height);
+        let samples = luma.0 * luma.1 + 2 * chroma.0 * chroma.1;
         self.planes.clear();
-        self.planes.resize(luma + 2 * chroma, NEUTRAL);
-        to_full(ToFull::LUMA, picture.planes[0], &mut self.planes[..luma]);
-        if picture.sampling != Sampling::Mono {
-            let (u, v) = self.planes[luma..].split_at_mut(chroma);
-            to_full(ToFull::CHROMA, picture.planes[1], u);
-            to_full(ToFull::CHROMA, picture.planes[2], v);
+        self.planes.resize(samples, NEUTRAL);
+        let (first, rest) = self.planes.split_at_mut(luma.0 * luma.1);
+        let (second, third) = rest.split_at_mut(chroma.0 * chroma.1);
+        let shapes = [(first, luma, ToFull::LUMA), (second, chroma, ToFull::CHROMA), (third, chroma, ToFull::CHROMA)];
+        for (from, (samples, (across, rows), map)) in picture.planes.into_iter().zip(shapes) {
+            if let Some(into) = PlaneMut::new(samples, across, rows, across) {
+                to_full(map, from, into);
+            }
         }
         self.compressor.set_subsamp(subsamp).map_err(|error| error.to_string())?;
         let most = self.compressor.buf_len(width, height).map_err(|error| error.to_string())?;
