@@ -55,6 +55,9 @@ pub struct Stabilizer {
     output: [usize; 2],
     nominal_s: f64,
     timing: Timing,
+    /// Judges the frames since the last usable one, whose stamps may be as damaged as they are: what it learns is dropped with the next
+    /// usable frame.
+    unusable: Option<Timing>,
     window: crop::Window,
     detector: detect::Detector,
     tracker: track::Tracker,
@@ -126,6 +129,7 @@ impl Stabilizer {
             output: [output.width as usize, output.height as usize],
             nominal_s,
             timing: Timing::new(nominal_s),
+            unusable: None,
             window: crop::Window::default(),
             detector: detect::Detector::new(params.detect),
             tracker: track::Tracker::new(params.track, level),
@@ -196,10 +200,12 @@ impl Stabilizer {
         self.place_known(self.lookahead_s);
         let reference = self.reference();
         if !frame.intact {
+            frame.moment = self.unusable.get_or_insert_with(|| self.timing.clone()).judge(&frame.stamp);
             frame.context.outcome = Outcome::Held(HoldReason::Damaged);
             self.slots.push_back(Slot { frame, progress: Progress::Ready });
             return;
         }
+        self.unusable = None;
         frame.moment = self.timing.judge(&frame.stamp);
         match reference.filter(|&i| size(&self.slots[i].frame) == size(&frame)) {
             None => self.begin(&mut frame),
@@ -361,8 +367,8 @@ impl Stabilizer {
         }
         // a damaged frame shows the last intact one again, from the same place
         let shown = self.slots.iter().take(index + 1).rposition(|slot| slot.frame.intact);
-        let stamp = self.slots[index].frame.stamp;
-        let age_ns = |shown: usize| stamp.time_ns.saturating_sub(self.slots[shown].frame.stamp.time_ns);
+        let Frame { stamp, moment, .. } = *self.slots[index].frame;
+        let age_ns = |shown: usize| moment.time_ns.saturating_sub(self.slots[shown].frame.moment.time_ns);
         if shown.is_none_or(|shown| age_ns(shown) > LONGEST_HELD_NS) && sink.submit_placeholder(&stamp)? {
             observer.sent(&self.slots[index].frame);
             self.slots[index].progress = Progress::Sent;
@@ -419,3 +425,6 @@ fn ahead(lookahead_s: f64, nominal_s: f64) -> usize {
 fn size(frame: &Frame) -> [usize; 2] {
     [frame.picture.width(), frame.picture.height()]
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,11 +13,12 @@ use crate::device::recording::RecordingWriter;
 use crate::device::synthetic::{self, Synthetic};
 use crate::device::v4l2::Capture;
 use crate::device::{FrameSource, Lent, RawFrame};
-use crate::frame::FrameFlags;
+use crate::frame::{FrameFlags, Stamp};
 use crate::image::Picture;
 use crate::pipeline::{Decoder, Reasons};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::notifier::Notifier;
+use crate::stage::timing::Timing;
 
 /// A camera that gave nothing for this long will not.
 pub(super) const PATIENCE: Duration = Duration::from_secs(15);
@@ -74,7 +75,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let mut writer = RecordingWriter::create(&args.output, &source.format(), &camera.device)?;
     let progress = Progress::new("recording", args.frames);
-    let (mut first_ns, mut frames, mut last_came_ns) = (None, 0u64, monotonic_ns());
+    let (mut frames, mut last_came_ns) = (0u64, monotonic_ns());
+    let mut length = Length::new(args.seconds, source.format().rate());
     let mut tried = Tried::default();
     let ended = loop {
         if stop.is_set() {
@@ -95,9 +97,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             Err(error) => break Err(error.into()),
         };
         last_came_ns = monotonic_ns();
-        // By the frames' own clock: a recording of 5 seconds plays for 5 seconds.
-        let passed_s = frame.stamp.time_ns.saturating_sub(*first_ns.get_or_insert(frame.stamp.time_ns)) as f64 / 1e9;
-        if args.seconds.is_some_and(|seconds| passed_s >= seconds) {
+        if length.is_reached(&frame.stamp) {
             break Ok(());
         }
         if let Err(error) = writer.write_raw(&frame) {
@@ -115,6 +115,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     tell(&args.output, source.as_ref(), frames);
     tried.tell(&args.output);
     Ok(())
+}
+
+/// How much is to be recorded, by the frames' own time as `replay` judges it: a recording of 5 seconds plays for 5 seconds, whatever
+/// single stamps say.
+struct Length {
+    seconds: Option<f64>,
+    timing: Timing,
+}
+
+impl Length {
+    /// `rate`: frames a second, as the source says; 0 where it does not.
+    fn new(seconds: Option<f64>, rate: f64) -> Self {
+        Self { seconds, timing: Timing::new(if rate > 0.0 { 1.0 / rate } else { 1.0 / 30.0 }) }
+    }
+
+    /// Whether as much was recorded before the next frame, which is stamped `stamp`.
+    fn is_reached(&mut self, stamp: &Stamp) -> bool {
+        let passed_ns = self.timing.judge(stamp).time_ns;
+        self.seconds.is_some_and(|seconds| passed_ns as f64 / 1e9 >= seconds)
+    }
 }
 
 /// Decodes a few of the recorded frames, to warn early of a recording that cannot be shown. Not all: on a slow machine that would cost
@@ -165,4 +185,43 @@ pub(super) fn synthetic(motion: &str) -> Result<Synthetic, Failure> {
 fn tell(path: &Path, source: &dyn FrameSource, frames: u64) {
     let format = source.format();
     println!("{}: {} of {}x{} {}", path.display(), frames_text(frames), format.width, format.height, format.pixel);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames at 30 a second that are recorded with `--seconds 2`; the one of number n is stamped `off_ns(n)` later than it was taken.
+    fn recorded(off_ns: impl Fn(u64) -> i64) -> u64 {
+        let mut length = Length::new(Some(2.0), 30.0);
+        let stamp = |sequence: u64| {
+            let time_ns = 5_000_000_000 + sequence as i64 * 33_333_334 + off_ns(sequence);
+            Stamp { time_ns, sequence, ..Stamp::default() }
+        };
+        (0..1000).find(|&n| length.is_reached(&stamp(n))).expect("it ends")
+    }
+
+    #[test]
+    fn so_many_seconds_are_recorded() {
+        assert_eq!(recorded(|_| 0), 60);
+    }
+
+    #[test]
+    fn single_stamps_of_another_clock_change_the_length_by_a_second_at_most() {
+        for off_ns in [9_000_000_000, -9_000_000_000, 3_600_000_000_000] {
+            let frames = recorded(|n| if n == 7 { off_ns } else { 0 });
+            assert!((30..=61).contains(&frames), "{off_ns}: {frames}");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_was_set_or_stands_still_changes_little() {
+        for (frames, what) in [
+            (recorded(|n| if n > 20 { 7_200_000_000_000 } else { 0 }), "two hours on"),
+            (recorded(|n| if n > 20 { -7_200_000_000_000 } else { 0 }), "two hours back"),
+            (recorded(|n| n as i64 * -33_333_334), "each frame has the same time"),
+        ] {
+            assert!((30..=90).contains(&frames), "{what}: {frames}");
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::device::DeviceError;
-use crate::device::v4l2::{CaptureParams, Hotplug, Known, News, Next, Roots, There};
+use crate::device::v4l2::{CaptureParams, Device, Hotplug, Known, News, Next, Roots, There};
 use crate::rt::notifier::Notifier;
 
 /// "auto" waits this long for the camera that it had, before it takes another; any setting, for the node with its picture.
@@ -71,9 +71,9 @@ impl Cameras {
         };
         match known {
             Some(known) => {
-                let (before, now) = (known.camera(), &ours.device);
-                if before.usb != now.usb || (now.usb.is_none() && before.place != now.place) {
-                    let (before, now) = (before.described(), now.described());
+                if known.is_another(&ours.device) {
+                    let named = |device: &Device| format!("{} in socket {}", device.described(), device.socket());
+                    let (before, now) = (named(known.camera()), named(&ours.device));
                     tracing::warn!(camera = %path.display(), "another camera than before: {now}; {before} did not come back");
                 }
                 known.opened(ours);

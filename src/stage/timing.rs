@@ -8,11 +8,12 @@
 //! stamp(n) = start + n P + d(n),   d(n) >= 0
 //! ```
 //!
-//! [`Timing`] estimates P as the median of the slopes between the last frames that came in time (Theil and Sen), and d from the lowest
-//! line of that slope; where there are too few such frames, by adding up how far each interval is from its share of P. An interval that is on the rhythm is taken as it is, to the nanosecond: even times are never
-//! changed. One that is too short is the rhythm's where the frame before was late by as much, or where no camera is so fast.
-//! One that is too long is the rhythm's where frames of this source were as late before and made up for it; otherwise it is believed, so
-//! that a slower rate or a gap is followed at once. There is no latency.
+//! [`Timing`] estimates P as the median of the slopes between the last frames that came in time (Theil and Sen), and d from the
+//! lowest line of that slope; where there are too few such frames, by adding up how far each interval is from its share of P. An
+//! interval that is on the rhythm is taken as it is, to the nanosecond: even times are never changed. One that is too short is the
+//! rhythm's where the frame before was late by as much, or where no camera is so fast. One that is too long is the rhythm's where
+//! frames of this source were as late before and made up for it; otherwise it is believed, so that a slower rate or a gap is followed
+//! at once. There is no latency.
 //!
 //! This is the only place that judges and limits time between frames; every stage takes [`seconds_between`] and [`step_s`] as given.
 

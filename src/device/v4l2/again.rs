@@ -124,6 +124,14 @@ impl Known {
         &self.ours.device
     }
 
+    /// Whether `now` is certainly not the camera that was open last: of another model or serial number, in another place where only that
+    /// tells, or one that was there beside it.
+    pub fn is_another(&self, now: &Device) -> bool {
+        let ours = &self.ours.device;
+        let elsewhere = now.usb.is_none() && now.place != ours.place;
+        now.usb != ours.usb || elsewhere || self.beside.iter().any(|other| other.is_same(now))
+    }
+
     /// The camera was opened again, or another was taken in its place. What was beside it stays known.
     pub fn opened(&mut self, ours: Sighting) {
         self.beside.retain(|other| !other.is_same(&ours.device));

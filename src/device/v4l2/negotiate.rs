@@ -75,9 +75,14 @@ pub(super) fn set_mode(node: &Node, mode: &Mode, asked: &Wish) -> Result<StreamF
         let code = String::from_utf8_lossy(&fourcc).into_owned();
         return refuse(format!("answers {code} when asked for {}, which it offers; choose another format", mode.pixel));
     };
+    let size = |width: u32, height: u32| format!("{width}x{height}");
+    if pix.width == 0 || pix.height == 0 {
+        return refuse(format!("answers {} when asked for {}", size(pix.width, pix.height), size(mode.width, mode.height)));
+    }
     let other = |given: u32, asked: Option<u32>| asked.is_some_and(|asked| given != asked);
-    if pix.width == 0 || pix.height == 0 || other(pix.width, asked.width) || other(pix.height, asked.height) {
-        return refuse(format!("answers {}x{} when asked for {}x{}", pix.width, pix.height, mode.width, mode.height));
+    if other(pix.width, asked.width) || other(pix.height, asked.height) {
+        let (asked, given) = (size(mode.width, mode.height), size(pix.width, pix.height));
+        tracing::warn!(camera = %node.path().display(), asked, given, "the camera gives another size");
     }
     if [v4l2_field_V4L2_FIELD_TOP, v4l2_field_V4L2_FIELD_BOTTOM, v4l2_field_V4L2_FIELD_ALTERNATE].contains(&pix.field) {
         return refuse("gives half frames (fields), which gimbald cannot read; choose another input or size".into());

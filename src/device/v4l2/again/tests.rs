@@ -303,3 +303,23 @@ fn a_path_that_is_no_video_node_is_left_to_be_opened() {
     fs::write(desk.roots.dev.join("null"), "").unwrap();
     assert_eq!(desk.finds(&known, "/dev/null"), "search");
 }
+
+#[test]
+fn another_camera_is_known_as_one() {
+    for serials in [("", ""), ("TEST0001", "TEST0001"), ("TEST0001", "TEST0002")] {
+        let desk = Desk::new();
+        let (ours, twin) = (("1-1", "0001", serials.0), ("1-2", "0001", serials.1));
+        desk.plug(ours, 0);
+        desk.plug(twin, 2);
+        let known = desk.open(0);
+        let at = |node: &str| desk.roots.at(Path::new(node)).unwrap().device;
+        assert!(!known.is_another(&at("/dev/video0")) && known.is_another(&at("/dev/video2")), "{serials:?}");
+        desk.unplug(ours);
+        assert!(known.is_another(&at("/dev/video2")), "{serials:?}: ours is away");
+        desk.plug(ours, 4);
+        assert!(!known.is_another(&at("/dev/video4")), "{serials:?}: under another number");
+        desk.unplug(ours);
+        desk.plug(("1-1", "0002", serials.0), 0);
+        assert!(known.is_another(&at("/dev/video0")), "{serials:?}: another model in its socket");
+    }
+}

@@ -110,7 +110,7 @@ FAULTS = [
     Fault("stall-commit-3-times", start=("stall_commit=3",), during=0.65),
     Fault("stall-start-3-times", start=("stall_alt=3",), during=0.65),
     Fault("stall-controls", start=("stall_controls=1",), during=0.7),
-    Fault("other-mode-than-asked", start=("probe_fixed=1:1",), after=0.0),
+    Fault("other-mode-than-asked", start=("probe_fixed=1:1",), during=0.7),
     Fault("too-much-bandwidth", options=("--bandwidth", "5000"), after=0.0, opens=False),
     Fault("privacy-shutter", fault=("privacy=1",), undo=("privacy=0",), during=0.7),
     # what is offered, and in which order
