@@ -17,11 +17,18 @@ pub fn to_limited_in_place(level: Level, map: ToLimited, mut plane: PlaneMut<'_>
     }
 }
 
-/// Writes `from`, brought from limited to full range, into `into`: rows one after the other, without padding, as many as both have.
-pub fn to_full(map: ToFull, from: PlaneRef<'_>, into: &mut [u8]) {
+/// Fills `into` with `from`, brought from limited to full range. Where `into` is larger, the last column and row are repeated; where
+/// `from` is empty, it stays as it is.
+pub fn to_full(map: ToFull, from: PlaneRef<'_>, mut into: PlaneMut<'_>) {
+    if from.width() == 0 || from.height() == 0 {
+        return;
+    }
     let table: [u8; 256] = std::array::from_fn(|sample| map.apply(sample as u8));
-    for (y, row) in into.chunks_exact_mut(from.width().max(1)).take(from.height()).enumerate() {
-        for (out, &sample) in row.iter_mut().zip(from.row(y)) {
+    for y in 0..into.height() {
+        let row = from.row(y.min(from.height() - 1));
+        let last = row[row.len() - 1];
+        let samples = row.iter().chain(std::iter::repeat(&last));
+        for (out, &sample) in into.row_mut(y).iter_mut().zip(samples) {
             *out = table[usize::from(sample)];
         }
     }
