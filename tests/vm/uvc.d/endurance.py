@@ -165,7 +165,9 @@ class Endurance:
         settled = self.marks[min(len(self.marks) // 4, 12):]
         memory, descriptors = [mark[0] for mark in settled], [mark[1] for mark in settled]
         report.check(f"memory {memory[0]:.1f} MiB then {memory[-1]:.1f}, {max(memory):.1f} at most", memory[-1] <= memory[0] + 4)
-        report.check(f"descriptors {descriptors[0]} then {descriptors[-1]}", descriptors[-1] <= descriptors[0])
+        # One more while the last question for its status is still being closed.
+        first, last = min(descriptors[:10]), min(descriptors[-10:])
+        report.check(f"descriptors {first} then {last}, {max(descriptors)} at most", last <= first and max(descriptors) <= first + 2)
 
 
 def main():
