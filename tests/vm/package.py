@@ -91,6 +91,8 @@ class Login:
     def __init__(self, name):
         run("useradd", "-m", "-G", "video", name)
         self.name, self.uid = name, run("id", "-u", name)[1].strip()
+        # Without a session of its own logind would end the manager with the last of those that systemctl --machine makes.
+        works("loginctl", "enable-linger", name)
         self.runs = works("systemctl", "start", f"user@{self.uid}.service", patience=120)
 
     def ctl(self, *words):
