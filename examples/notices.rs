@@ -61,11 +61,16 @@ fn main() -> anyhow::Result<()> {
     std::fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
+/// The tree that Cargo runs this for. Not the one that it was built in: packages are built from copies of a tree, with one target folder, and
+/// Cargo takes what it built for one of them for the next.
+fn root() -> PathBuf {
+    std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into()).into()
+}
+
 /// What `cargo` says to `arguments`.
 fn cargo(arguments: &[&str]) -> anyhow::Result<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let output =
-        Command::new(cargo).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().context("cannot run cargo")?;
+    let output = Command::new(cargo).args(arguments).current_dir(root()).output().context("cannot run cargo")?;
     ensure!(output.status.success(), "cargo {}: {}", arguments.join(" "), String::from_utf8_lossy(&output.stderr));
     Ok(String::from_utf8(output.stdout)?)
 }
@@ -141,7 +146,7 @@ pub fn own_texts(part: &Linked) -> anyhow::Result<Vec<String>> {
         let Some((licence, file)) = named.find_map(|word| ours.into_iter().find(|(licence, _)| *licence == word)) else {
             bail!("{} {} ({}) brings no licence text", part.name, part.version, part.licence);
         };
-        let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file))?;
+        let text = read(&root().join(file))?;
         // The licence without our own copyright line.
         let text = text.lines().filter(|line| !line.starts_with("Copyright")).collect::<Vec<_>>().join("\n");
         let authors = if part.authors.is_empty() { "its authors".into() } else { part.authors.join(", ") };
