@@ -21,6 +21,19 @@ impl Draw for Avx2 {
 
     #[target_feature(enable = "avx2")]
     #[inline]
+    unsafe fn drawn<const BLOCKS: usize, const CUBIC: bool>(
+        octets: &mut Octets<BLOCKS, CUBIC>,
+        plane: PlaneRef<'_>,
+        cells: Cells<'_>,
+        lines: &Lines,
+        out: &mut [u8],
+    ) -> bool {
+        // SAFETY: the caller's promise.
+        unsafe { octets.drawn::<Self>(plane, cells, lines, out) }
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
     unsafe fn draw<const BLOCKS: usize, const CUBIC: bool>(
         octets: &Octets<BLOCKS, CUBIC>,
         plane: PlaneRef<'_>,

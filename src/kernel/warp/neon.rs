@@ -18,6 +18,18 @@ impl Draw for Neon {
         unsafe { cells_of::<Self, BLOCKS, CUBIC>(plane, cells, out) }
     }
 
+    #[inline]
+    unsafe fn drawn<const BLOCKS: usize, const CUBIC: bool>(
+        octets: &mut Octets<BLOCKS, CUBIC>,
+        plane: PlaneRef<'_>,
+        cells: Cells<'_>,
+        lines: &Lines,
+        out: &mut [u8],
+    ) -> bool {
+        // SAFETY: the caller's promise.
+        unsafe { octets.drawn::<Self>(plane, cells, lines, out) }
+    }
+
     #[target_feature(enable = "neon")]
     #[inline]
     unsafe fn draw<const BLOCKS: usize, const CUBIC: bool>(

@@ -34,6 +34,18 @@ pub(super) trait Draw: Sized {
     /// The processor has them.
     unsafe fn cells<const BLOCKS: usize, const CUBIC: bool>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]);
 
+    /// Calls [`Octets::drawn`], compiled for these instructions.
+    ///
+    /// # Safety
+    /// The processor has them.
+    unsafe fn drawn<const BLOCKS: usize, const CUBIC: bool>(
+        octets: &mut Octets<BLOCKS, CUBIC>,
+        plane: PlaneRef<'_>,
+        cells: Cells<'_>,
+        lines: &Lines,
+        out: &mut [u8],
+    ) -> bool;
+
     /// Draws the cells.
     ///
     /// # Safety
@@ -80,12 +92,12 @@ pub(super) unsafe fn cells_of<D: Draw, const BLOCKS: usize, const CUBIC: bool>(
     let count = out.len().div_ceil(cells.wide);
     for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
         // SAFETY: the caller's promise.
-        if unsafe { octets.drawn::<D>(plane, cells, &Lines::of(cells, n..count.min(n + CHUNK)), out) } {
+        if unsafe { D::drawn(&mut octets, plane, cells, &Lines::of(cells, n..count.min(n + CHUNK)), out) } {
             continue;
         }
         for (i, out) in out.chunks_mut(cells.wide).enumerate() {
             // SAFETY: as above.
-            if !unsafe { octets.drawn::<D>(plane, cells, &Lines::of(cells, n + i..n + i + 1), out) } {
+            if !unsafe { D::drawn(&mut octets, plane, cells, &Lines::of(cells, n + i..n + i + 1), out) } {
                 scalar(plane, cells.line(n + i), cells, out);
             }
         }
@@ -116,14 +128,14 @@ impl Lines {
     /// The least and the greatest of the starts, of the steps and of the ends of lines of `wide` pixels, along an axis.
     #[inline(always)]
     fn ranges(&self, axis: usize, wide: usize) -> [[i32; 2]; 3] {
-        let mut ranges = [[i32::MAX, i32::MIN]; 3];
+        let (mut starts, mut steps, mut ends) = ([i32::MAX, i32::MIN], [i32::MAX, i32::MIN], [i32::MAX, i32::MIN]);
         for (&start, &step) in self.start[axis].iter().zip(&self.step[axis]) {
             let end = start.wrapping_add(step.wrapping_mul(wide as i32 - 1));
-            for (range, number) in ranges.iter_mut().zip([start, step, end]) {
-                *range = [range[0].min(number), range[1].max(number)];
-            }
+            starts = [starts[0].min(start), starts[1].max(start)];
+            steps = [steps[0].min(step), steps[1].max(step)];
+            ends = [ends[0].min(end), ends[1].max(end)];
         }
-        ranges
+        [starts, steps, ends]
     }
 
     /// Whether every pixel of these cells, with its neighbours, lies inside the plane, their lines are as short and flat as octets
@@ -169,7 +181,13 @@ impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
     /// # Safety
     /// The processor has the instructions of `D`.
     #[inline(always)]
-    unsafe fn drawn<D: Draw>(&mut self, plane: PlaneRef<'_>, cells: Cells<'_>, lines: &Lines, out: &mut [u8]) -> bool {
+    pub(super) unsafe fn drawn<D: Draw>(
+        &mut self,
+        plane: PlaneRef<'_>,
+        cells: Cells<'_>,
+        lines: &Lines,
+        out: &mut [u8],
+    ) -> bool {
         if out.len() != lines.count * cells.wide || !lines.fit(plane, cells) {
             return false;
         }
