@@ -59,7 +59,7 @@ fn record(name: &str, params: &Params, stamped: Stamped, seed: u64) -> Clip {
 fn small(readout_part: f64, hfov_deg: f64) -> Params {
     let fps = 30.0;
     let readout_ms = readout_part * 1e3 / fps;
-    Params { width: 320, height: 240, fps, readout_ms, hfov_deg, frames: 100, seed: 7, ..Params::default() }
+    Params { width: 320, height: 240, fps, readout_ms, hfov_deg, frames: 150, seed: 7, ..Params::default() }
 }
 
 fn calibrate(input: &Path, more: &[&str]) -> Output {

@@ -5,6 +5,7 @@
 //! run ([`normal`]). What does not change from one round of weighing to the next is prepared once.
 
 use super::filter::{Filter, Place};
+use super::flow;
 use super::normal::G;
 use crate::geometry::Pose;
 use crate::kernel::Level;
@@ -25,6 +26,8 @@ pub struct Batch {
     keys: Vec<u32>,
     /// By number: places of the two moments.
     places: Vec<[Place; 2]>,
+    /// By number: where on the flow, the weights times the seconds between both moments.
+    flows: Vec<flow::Row>,
     // the following in the order of the keys
     weights: Vec<[f64; POINTS]>,
     rates: Vec<[f64; POINTS]>,
@@ -34,6 +37,7 @@ pub struct Batch {
     single: Vec<[f64; WIDE]>,
     scale: Vec<f64>,
     said: Vec<[f64; WIDE]>,
+    flowed: Vec<Pose>,
 }
 
 /// What the path says at a measurement's moments.
@@ -41,6 +45,8 @@ pub struct Batch {
 pub struct Said {
     /// Difference of the poses.
     pub difference: Pose,
+    /// What the flow adds to it.
+    pub flow: Pose,
     /// Speeds at the sooner and the later moment, units / s.
     pub speeds: [Pose; 2],
 }
@@ -53,12 +59,14 @@ impl Batch {
             level: Level::detected(),
             keys: Vec::with_capacity(most),
             places: Vec::with_capacity(most),
+            flows: Vec::with_capacity(most),
             weights: Vec::with_capacity(most),
             rates: Vec::with_capacity(most),
             products: Vec::with_capacity(most),
             single: Vec::with_capacity(most),
             scale: Vec::with_capacity(most),
             said: Vec::with_capacity(most),
+            flowed: Vec::with_capacity(most),
         }
     }
 
@@ -66,16 +74,18 @@ impl Batch {
     pub fn clear(&mut self) {
         self.keys.clear();
         self.places.clear();
+        self.flows.clear();
     }
 
     /// Adds a measurement between two moments, the sooner first. To be followed by [`Batch::prepare`].
-    pub fn push(&mut self, filter: &Filter, moments: [Place; 2]) {
+    pub fn push(&mut self, filter: &Filter, moments: [Place; 2], flow: flow::Row) {
         let points = match moments.map(|place| filter.offset(&place)) {
             [Some(sooner), Some(later)] => (sooner as u32) << POINT_BITS | later as u32,
             _ => NOWHERE,
         };
         self.keys.push(points << INDEX_BITS | self.places.len() as u32);
         self.places.push(moments);
+        self.flows.push(flow);
     }
 
     /// Sorts the measurements and prepares what each round needs; `seen` gives for each number the derivative and the motion (x, y).
@@ -86,6 +96,8 @@ impl Batch {
         self.scale.resize(count, 0.0);
         self.said.clear();
         self.said.resize(count, [0.0; WIDE]);
+        self.flowed.clear();
+        self.flowed.resize(count, [0.0; 4]);
         self.weights.clear();
         self.rates.clear();
         self.products.clear();
@@ -125,6 +137,12 @@ impl Batch {
             from = range.end;
             let Some(points) = points(run[0]) else { continue };
             let mut sums = Sums::default();
+            let mut flow = flow::Sums::default();
+            for at in range.clone() {
+                let row = &self.flows[number(self.keys[at])];
+                flow.add(row, self.scale[at], &self.weights[at], &self.products[at], &self.single[at]);
+            }
+            filter.add_flow(points, &flow);
             let measurements = Measurements {
                 scale: &self.scale[range.clone()],
                 weights: &self.weights[range.clone()],
@@ -149,6 +167,9 @@ impl Batch {
 
     /// Asks the filter's path what it says of each measurement.
     pub fn evaluate(&mut self, filter: &Filter) {
+        for (flowed, &key) in self.flowed.iter_mut().zip(&self.keys) {
+            *flowed = filter.flow_at(&self.flows[number(key)]);
+        }
         let mut from = 0;
         for run in self.keys.chunk_by(|a, b| a >> INDEX_BITS == b >> INDEX_BITS) {
             let range = from..from + run.len();
@@ -170,7 +191,7 @@ impl Batch {
     pub fn said_at(&self, index: usize) -> (usize, Said) {
         let said = &self.said[index];
         let pose = |i: usize| std::array::from_fn(|c| said[4 * i + c]);
-        (number(self.keys[index]), Said { difference: pose(0), speeds: [pose(1), pose(2)] })
+        (number(self.keys[index]), Said { difference: pose(0), flow: self.flowed[index], speeds: [pose(1), pose(2)] })
     }
 
     /// As [`Batch::said_at`], of all in turn.

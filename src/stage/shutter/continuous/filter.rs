@@ -1,16 +1,17 @@
 //! An information filter over the control points of the camera's path.
 //!
 //! The path is a uniform cubic B-spline, `P(t) = sum_i b(t / h - i) c_i`, with a control point of four parameters each `h` seconds.
-//! The filter holds `A x = r` (normal equations, the information matrix A) for the control points that are still of use;
+//! The filter holds `A x = r` (normal equations, the information matrix A) for the flow ([`flow`]) and the control points that are still of use;
 //! measurements and priors add to it, and points that nothing will refer to any more are eliminated by Schur complement. Given
 //! the measurements' weights this is the exact linear estimate, the same as a Kalman filter's. Nothing is allocated after `new`.
 
-use super::normal::{G, Marginal, N, Normal, Solution};
+use super::flow::{self, BINS, Flow};
+use super::normal::{FLOWS, G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
 use crate::kernel::normal::{POINTS, Sums};
 
 /// Control points held at a time, at most.
-pub const MOST_POINTS: usize = N / 4;
+pub const MOST_POINTS: usize = (N - FLOWS) / 4;
 
 /// How uncertain motion is before it is measured.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +51,8 @@ pub struct Filter {
     base: Box<Normal>,
     full: Box<Normal>,
     solution: Solution,
+    /// How the flow is expected to go on.
+    flow: Flow,
 }
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
@@ -78,7 +81,53 @@ impl Filter {
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
             solution: Solution::new(),
+            flow: Flow::default(),
         }
+    }
+
+    /// Forgets the flow; of one that begins, `flow` is expected.
+    pub fn forget_flow(&mut self, flow: Flow) {
+        self.flow = flow;
+        let n = self.unknowns();
+        self.base.clear(0, FLOWS);
+        for i in FLOWS..n {
+            self.base.matrix[i * N..i * N + FLOWS].fill(0.0);
+        }
+        for k in 0..FLOWS {
+            self.base.matrix[k * N + k] = 1.0 / self.flow.variance(k);
+            self.solution.path[k] = 0.0;
+        }
+    }
+
+    /// The flow goes on for `seconds`.
+    pub fn drift(&mut self, seconds: f64) {
+        let n = self.unknowns();
+        for k in 0..FLOWS {
+            let (keep, variance) = self.flow.drift(k, seconds);
+            self.base.drift(k, keep, variance, n);
+        }
+    }
+
+    /// What was found of the flow is what is expected of it from now on.
+    pub fn learn_flow(&mut self, seconds: f64) {
+        self.flow.learn(self.solution.path.first_chunk().expect("the flow comes first"), seconds);
+    }
+
+    /// The flow at a row, units / s.
+    pub fn flow_at(&self, row: &flow::Row) -> Pose {
+        std::array::from_fn(|c| (0..2).map(|i| row.weights[i] * self.solution.path[4 * (row.bin + i) + c]).sum())
+    }
+
+    /// Slope of the flow's turn (yaw, pitch) over the picture's height, units / s: least squares.
+    pub fn flow_slope(&self) -> [f64; 2] {
+        let row = |bin: usize| bin as f64 / (BINS - 1) as f64 - 0.5;
+        let square: f64 = (0..BINS).map(|bin| row(bin) * row(bin)).sum();
+        std::array::from_fn(|c| (0..BINS).map(|bin| row(bin) * self.solution.path[4 * bin + c]).sum::<f64>() / square)
+    }
+
+    /// Unknowns held.
+    fn unknowns(&self) -> usize {
+        FLOWS + 4 * self.points
     }
 
     /// Seconds from one control point to the next.
@@ -89,8 +138,8 @@ impl Filter {
     /// Begins anew at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
     pub fn restart(&mut self, time_s: f64, pose: Pose, spacing_s: f64) {
         // what the old points knew of the globals is kept
-        let n = 4 * self.points;
-        self.base.eliminate(n, n);
+        let n = self.unknowns();
+        self.base.eliminate(FLOWS, n, n);
         self.spacing_s = spacing_s;
         self.first = self.place(time_s).first;
         self.points = 0;
@@ -98,7 +147,7 @@ impl Filter {
         for i in 0..2 {
             self.push(pose);
             for (c, value) in pose.iter().enumerate() {
-                let at = i * 4 + c;
+                let at = FLOWS + i * 4 + c;
                 // the second is pinned to the first by the speed that the prior allows
                 let pin = self.prior.speed[c] * spacing_s * if i == 0 { 10.0 } else { 1.0 };
                 self.base.matrix[at * N + at] += 1.0 / (pin * pin);
@@ -113,9 +162,9 @@ impl Filter {
         let information = 1.0 / (PIN * PIN);
         for (i, wi) in weights.into_iter().enumerate() {
             for (c, value) in pose.iter().enumerate() {
-                let row = 4 * (first - self.first + i as i64) as usize + c;
+                let row = FLOWS + 4 * (first - self.first + i as i64) as usize + c;
                 for (j, wj) in weights[..=i].iter().enumerate() {
-                    let column = 4 * (first - self.first + j as i64) as usize + c;
+                    let column = FLOWS + 4 * (first - self.first + j as i64) as usize + c;
                     self.base.matrix[row * N + column] += wi * wj * information;
                 }
                 self.base.right[row] += wi * value * information;
@@ -162,14 +211,14 @@ impl Filter {
         for (i, weight) in weights.into_iter().enumerate() {
             let point = ((first + i as i64 - self.first).max(0) as usize).min(self.points.saturating_sub(1));
             for (c, value) in pose.iter_mut().enumerate() {
-                *value += weight * self.solution.path[4 * point + c];
+                *value += weight * self.solution.path[FLOWS + 4 * point + c];
             }
         }
         pose
     }
 
     fn push(&mut self, pose: Pose) {
-        let n = 4 * self.points;
+        let n = self.unknowns();
         self.base.clear(n, n + 4);
         self.solution.path[n..n + 4].copy_from_slice(&pose);
         self.points += 1;
@@ -177,7 +226,7 @@ impl Filter {
 
     /// Adds a point that continues the path straight on, as uncertain as the prior says.
     fn push_with_prior(&mut self) {
-        let n = 4 * self.points;
+        let n = self.unknowns();
         let mean = &self.solution.path;
         self.push(std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
         if self.fresh < MOST_POINTS {
@@ -211,9 +260,9 @@ impl Filter {
                         continue;
                     }
                     for (p, wp) in weights.into_iter().enumerate().filter(|(_, w)| *w != 0.0) {
-                        let row = 4 * (point + p - 3) + c;
+                        let row = FLOWS + 4 * (point + p - 3) + c;
                         for (q, wq) in weights[..=p].iter().enumerate().filter(|(_, w)| **w != 0.0) {
-                            self.full.matrix[row * N + 4 * (point + q - 3) + c] += wp * wq * information;
+                            self.full.matrix[row * N + FLOWS + 4 * (point + q - 3) + c] += wp * wq * information;
                         }
                     }
                 }
@@ -238,7 +287,7 @@ impl Filter {
         let point = self.points - self.fresh + i;
         let [bend, twist, _] = self.prior_terms(point, c);
         [bend, twist].map(|(weights, deviation)| {
-            let sum = |p: usize| weights[p] * self.solution.path[4 * (point + p - 3) + c];
+            let sum = |p: usize| weights[p] * self.solution.path[FLOWS + 4 * (point + p - 3) + c];
             let terms = (0..4).filter(|p| weights[*p] != 0.0).map(sum);
             (deviation.is_finite()).then(|| terms.sum::<f64>() / deviation)
         })
@@ -269,12 +318,12 @@ impl Filter {
 
     /// The path's control points at two moments, four from each offset on.
     pub fn points(&self, offsets: [usize; 2]) -> [[f64; 4]; POINTS] {
-        std::array::from_fn(|k| std::array::from_fn(|c| self.solution.path[4 * point(offsets, k) + c]))
+        std::array::from_fn(|k| std::array::from_fn(|c| self.solution.path[FLOWS + 4 * point(offsets, k) + c]))
     }
 
     /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
     pub fn start_trial(&mut self) {
-        self.full.copy_from(&self.base, 4 * self.points);
+        self.full.copy_from(&self.base, self.unknowns());
         self.add_prior();
     }
 
@@ -284,9 +333,9 @@ impl Filter {
         for p in 0..POINTS {
             let to = point(offsets, p);
             for c in 0..4 {
-                self.full.right[4 * to + c] += sums.single[p][c];
+                self.full.right[FLOWS + 4 * to + c] += sums.single[p][c];
                 for g in 0..G {
-                    self.full.cross[g][4 * to + c] += sums.single[p][4 * (1 + g) + c];
+                    self.full.cross[g][FLOWS + 4 * to + c] += sums.single[p][4 * (1 + g) + c];
                 }
             }
             for (q, pair) in (0..=p).zip(&mut pairs) {
@@ -295,12 +344,43 @@ impl Filter {
                 // a point of both moments meets itself in both orders
                 let times = if p != q && row == column { 2.0 } else { 1.0 };
                 for i in 0..4 {
-                    let entries = &mut self.full.matrix[(4 * row + i) * N + 4 * column..][..4];
+                    let entries = &mut self.full.matrix[(FLOWS + 4 * row + i) * N + FLOWS + 4 * column..][..4];
                     for (j, entry) in entries.iter_mut().enumerate() {
                         let (upper, lower) = (i.min(j), i.max(j));
                         *entry += times * pair[lower * (lower + 1) / 2 + upper];
                     }
                 }
+            }
+        }
+    }
+
+    /// Adds what measurements of the same control points say of the flow, on trial.
+    pub fn add_flow(&mut self, offsets: [usize; 2], sums: &flow::Sums) {
+        for bin in 0..BINS {
+            let flow = 4 * bin;
+            for c in 0..4 {
+                self.full.right[flow + c] += sums.single[bin][c];
+                for g in 0..G {
+                    self.full.cross[g][flow + c] += sums.single[bin][4 * (1 + g) + c];
+                }
+            }
+            for (p, pair) in sums.crossed[bin].iter().enumerate() {
+                self.add_block(FLOWS + 4 * point(offsets, p), flow, pair);
+            }
+            self.add_block(flow, flow, &sums.paired[bin][0]);
+            if bin > 0 {
+                self.add_block(flow, flow - 4, &sums.paired[bin][1]);
+            }
+        }
+    }
+
+    /// Adds a symmetric block of four by four (its lower triangle, row by row).
+    fn add_block(&mut self, row: usize, column: usize, block: &[f64]) {
+        for i in 0..4 {
+            let entries = &mut self.full.matrix[(row + i) * N + column..][..4];
+            for (j, entry) in entries.iter_mut().enumerate() {
+                let (upper, lower) = (i.min(j), i.max(j));
+                *entry += block[lower * (lower + 1) / 2 + upper];
             }
         }
     }
@@ -317,19 +397,19 @@ impl Filter {
 
     /// Solves for the path with what is on trial. False where the equations have no solution; the path is then what it was.
     pub fn solve(&mut self) -> bool {
-        self.solution.solve(&self.full, 4 * self.points)
+        self.solution.solve(&self.full, self.unknowns())
     }
 
     /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
     pub fn deviation(&self, sooner_s: f64, later_s: f64) -> Pose {
-        let n = 4 * self.points;
+        let n = self.unknowns();
         std::array::from_fn(|c| {
             let mut function = [0.0; N];
             for (time, sign) in [(sooner_s, -1.0), (later_s, 1.0)] {
                 let Place { first, weights, .. } = self.place(time);
                 for (i, weight) in weights.into_iter().enumerate() {
                     let point = (first + i as i64 - self.first).clamp(0, self.points as i64 - 1) as usize;
-                    function[4 * point + c] += sign * weight;
+                    function[FLOWS + 4 * point + c] += sign * weight;
                 }
             }
             self.solution.variance(&mut function[..n]).sqrt()
@@ -343,7 +423,7 @@ impl Filter {
 
     /// Moves the globals' origin by `shift`. To follow [`Filter::accept`].
     pub fn move_globals(&mut self, shift: [f64; G]) {
-        self.base.shift_globals(shift, 4 * self.points);
+        self.base.shift_globals(shift, self.unknowns());
     }
 
     /// Forgets whatever was said of the globals.
@@ -355,16 +435,16 @@ impl Filter {
 
     /// Accepts what is on trial, and eliminates the control points that no moment from `time_s` on refers to.
     pub fn accept(&mut self, time_s: f64) {
-        let n = 4 * self.points;
+        let n = self.unknowns();
         self.base.copy_from(&self.full, n);
         self.fresh = 0;
         let keep_from = (self.place(time_s).first - self.first).clamp(0, self.points as i64 - 3) as usize;
         if keep_from == 0 {
             return;
         }
-        let cut = 4 * keep_from;
-        self.base.eliminate(cut, n);
-        self.solution.path.copy_within(cut..n, 0);
+        let cut = FLOWS + 4 * keep_from;
+        self.base.eliminate(FLOWS, cut, n);
+        self.solution.path.copy_within(cut..n, FLOWS);
         self.points -= keep_from;
         self.first += keep_from as i64;
     }
@@ -394,7 +474,7 @@ mod tests {
         filter.restart(1.0, [0.0; 4], 0.01);
         assert!(filter.extend_to(1.12));
         filter.start_trial();
-        let n = 4 * filter.points;
+        let n = filter.unknowns();
         filter.solution.path[..n].iter_mut().for_each(|value| *value = random());
         // moments far apart, near each other (points of both), in the same stretch, and outside of what is held
         let moments = |i: usize, random: &mut dyn FnMut() -> f64| {
@@ -409,8 +489,9 @@ mod tests {
             let derivative: [Pose; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
             let value = [random(), random()];
             let by_global: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);
-            batch.push(&filter, places);
-            seen.push((derivative, value, by_global, places));
+            let row = flow::Row::new(0.5 + 0.7 * random(), 1.0 / 30.0);
+            batch.push(&filter, places, row);
+            seen.push((derivative, value, by_global, places, row));
         }
         let information = |i: usize| 0.1 + i as f64;
         batch.prepare(|i| (seen[i].0, seen[i].1));
@@ -421,7 +502,7 @@ mod tests {
         batch.add_to(&mut filter, information);
         batch.evaluate(&filter);
         for (i, said) in batch.said() {
-            let (derivative, value, by_global, places) = &seen[i];
+            let (derivative, value, by_global, places, row) = &seen[i];
             if i % 4 == 3 {
                 assert_eq!(said.difference, [0.0; 4]);
                 continue;
@@ -430,7 +511,7 @@ mod tests {
             let mut rows = [[0.0; N]; 2];
             for (moment, (place, sign)) in places.iter().zip([-1.0, 1.0]).enumerate() {
                 for k in 0..4 {
-                    let at = 4 * ((place.first - filter.first) as usize + k);
+                    let at = FLOWS + 4 * ((place.first - filter.first) as usize + k);
                     for c in 0..4 {
                         difference[c] += sign * place.weights[k] * filter.solution.path[at + c];
                         speeds[moment][c] += place.rates[k] * filter.solution.path[at + c];
@@ -438,7 +519,16 @@ mod tests {
                     }
                 }
             }
+            let mut flowed = [0.0; 4];
+            for (i, weight) in row.weights.iter().enumerate() {
+                for c in 0..4 {
+                    let at = 4 * (row.bin + i) + c;
+                    flowed[c] += weight * filter.solution.path[at];
+                    (0..2).for_each(|axis| rows[axis][at] += weight * derivative[axis][c]);
+                }
+            }
             for c in 0..4 {
+                assert!((said.flow[c] - flowed[c]).abs() < 1e-12);
                 assert!((said.difference[c] - difference[c]).abs() < 1e-12);
                 (0..2).for_each(|m| assert!((said.speeds[m][c] - speeds[m][c]).abs() < 1e-9));
             }

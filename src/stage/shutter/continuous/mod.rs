@@ -7,7 +7,8 @@
 //! x_b - x_a = B(x_mid) (P(t_b + readout y_b / H) - P(t_a + readout y_a / H))
 //! ```
 //!
-//! with B the derivative of a pixel by the pose ([`Pinhole::derivative`]). P is a cubic spline with about four control points to a
+//! with B the derivative of a pixel by the pose ([`Pinhole::derivative`]); what a camera that travels adds to that is an unknown of its own
+//! ([`flow`]). P is a cubic spline with about four control points to a
 //! frame, so this is linear in the unknowns. Minimised is the sum of the robust misfits (Geman-McClure, pixels) and of the prior
 //! (white acceleration) by an information filter ([`filter`]). There is no latency: the newest pair measures the path up to the
 //! newest frame's last row, and its beginning is known from the pairs before.
@@ -17,6 +18,7 @@
 mod agreement;
 mod batch;
 mod filter;
+mod flow;
 mod globals;
 mod hypothesis;
 mod normal;
@@ -27,6 +29,7 @@ use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMoti
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
 use filter::{Filter, MOST_POINTS, Prior};
+use flow::{Flow, Row};
 use globals::{Globals, Unevenness};
 use hypothesis::Sight;
 use slope::Slope;
@@ -58,9 +61,9 @@ const LOOK_DOUBT: f64 = 1.5;
 const FAR: f64 = 0.25;
 /// Fields of view that a camera may have (degrees): what is found out stays between.
 pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
-/// Before anything is measured.
+/// Before anything is measured. Cameras turn but hardly zoom: what magnifies is mostly travel, which is the flow's.
 const PRIOR: Prior =
-    Prior { acceleration: [7.5, 7.5, 4.5, 0.9], jerk: [150.0, 150.0, 90.0, 18.0], speed: [1.5, 1.5, 1.0, 0.2] };
+    Prior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
 /// Part of a known interval that it may be off by, at most: a stamp that is later by several frames is a late stamp.
 const MOST_OFF: f64 = 0.35;
 /// Rounds of weighing; the scale shrinks from round to round.
@@ -229,6 +232,7 @@ impl Continuous {
             self.filter.extend_to(last_s);
             self.filter.pin(before_s + self.middle(), self.newest.path);
         }
+        self.filter.drift(pair.interval_s);
         let confidence = self.estimate(pair.tracks, before_s);
         if confidence == 0.0 {
             // what is not believed must not move the path
@@ -238,6 +242,7 @@ impl Continuous {
         } else {
             self.hear(pair.tracks, before_s);
             self.filter.learn_prior(pair.interval_s);
+            self.filter.learn_flow(pair.interval_s);
         }
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
@@ -262,14 +267,15 @@ impl Continuous {
         let whole = subtract(filter.pose(self.now_s + middle), filter.pose(before_s + middle));
         let half_width = 0.5 * self.size[0] as f64;
         let scale = 2.0 * self.scale_px;
-        let compared = self.batch.said().map(|(i, Said { difference, .. })| {
+        let compared = self.batch.said().map(|(i, Said { difference, flow, .. })| {
             let (track, sight) = (&tracks[i], &self.sights[i]);
             let by_rows = sight.derivative.map(|row| dot(&row, &subtract(difference, whole)));
             // whoever agrees with the model or with one without rows has a word: the model's own friends would say yes to it
-            let rest: [f64; 2] = std::array::from_fn(|i| sight.moved[i] - dot(&sight.derivative[i], &whole));
+            let moved: [f64; 2] = std::array::from_fn(|i| sight.moved[i] - dot(&sight.derivative[i], &flow));
+            let rest: [f64; 2] = std::array::from_fn(|i| moved[i] - dot(&sight.derivative[i], &whole));
             let weight = self.weights[i].max(geman_mcclure(rest[0] * rest[0] + rest[1] * rest[1], scale * scale));
             let place = std::array::from_fn(|i| (0.5 * (track.from[i] + track.to[i]) - camera.centre[i]) / half_width);
-            Compared { place, moved: sight.moved, by_rows, weight: weight * sight.say.min(2.0) }
+            Compared { place, moved, by_rows, weight: weight * sight.say.min(2.0) }
         });
         agreement.take(compared, self.interval_s);
     }
@@ -283,6 +289,7 @@ impl Continuous {
         self.calibration =
             Calibration { readout_s, readout_deviation_s: readout_deviation, hfov_deg, hfov_deviation_deg: hfov_deviation };
         self.filter.forget_globals();
+        self.filter.forget_flow(Flow::new(self.camera.focal, 0.5 * self.size[0] as f64, readout_deviation > 0.0));
         self.globals = Globals::new([readout_deviation, log_focal]);
         self.unknown = [readout_deviation > 0.0, hfov_deviation > 0.0];
     }
@@ -364,7 +371,8 @@ impl Continuous {
     /// How what the path says of a measurement depends on readout time (pixels / s) and on the logarithm of the focal length
     /// (pixels), with the path as it is believed at the moment.
     fn by_global(&self, sight: &Sight, said: &Said, rows: [f64; 2]) -> [[f64; 2]; 2] {
-        let Said { difference, speeds: [sooner, later] } = said;
+        let Said { difference, flow, speeds: [sooner, later] } = *said;
+        let difference = add(difference, flow);
         let from_bottom = if self.calibration.readout_s < 0.0 { 1.0 } else { 0.0 };
         let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
         let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
@@ -424,13 +432,19 @@ impl Continuous {
             let moved = [track.to[0] - track.from[0], track.to[1] - track.from[1]];
             let derivative = self.camera.derivative(middle);
             let (sooner, later) = (before_s + self.delay(track.from[1]), self.now_s + self.delay(track.to[1]));
-            self.batch.push(&self.filter, [self.filter.place(sooner), self.filter.place(later)]);
             let row = middle[1] / self.size[1] as f64 - 0.5;
+            let flow = Row::new(row + 0.5, self.interval_s);
+            self.batch.push(&self.filter, [self.filter.place(sooner), self.filter.place(later)], flow);
+            let flowed = self.filter.flow_at(&flow);
+            let moved = [moved[0] - dot(&derivative[0], &flowed), moved[1] - dot(&derivative[1], &flowed)];
             self.sights.push(Sight { moved, derivative, row, say: 1.0 });
             let sigma = f64::from(track.sigma_px).min(MOST_SIGMA_PX);
             self.information.push(1.0 / (sigma * sigma + self.common));
         }
-        self.batch.prepare(|i| (self.sights[i].derivative, self.sights[i].moved));
+        self.batch.prepare(|i| {
+            let moved = std::array::from_fn(|c| tracks[i].to[c] - tracks[i].from[c]);
+            (self.sights[i].derivative, moved)
+        });
         hypothesis::share_out(
             tracks,
             self.size,
@@ -446,13 +460,21 @@ impl Continuous {
         });
         let least = LOOK_LEAST_PX / self.camera.focal;
         match self.timed.is_some() {
-            true => self.slope.take([turn[0], turn[3], turn[6], turn[7]], [turn[1], turn[4], 0.0, 0.0], self.interval_s, least),
+            true => {
+                // the flow, too, may hold what is the rows'
+                let [yaw, pitch] = self.filter.flow_slope().map(|slope| slope * self.interval_s);
+                let slope = [turn[1] + yaw, turn[4] + pitch, 0.0, 0.0];
+                self.slope.take([turn[0], turn[3], turn[6], turn[7]], slope, self.interval_s, least);
+            }
             false => self.slope.interrupt(),
         }
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
         // a picture that hardly moves says nothing of the camera, but its noise would; nor does one whose speed is not known
         let moved_px = self.camera.focal * hypot(turn[0], turn[3]).max(hypot(turn[1], turn[4]));
+        for (sight, track) in self.sights.iter_mut().zip(tracks.iter()) {
+            sight.moved = std::array::from_fn(|c| track.to[c] - track.from[c]);
+        }
         let share =
             if self.unknown == [false; 2] || self.timed.is_none() { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
         self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MOST_OFF));
@@ -476,7 +498,7 @@ impl Continuous {
             let (mut sum, mut changed) = (0.0, 0.0);
             (squares, common, certain) = (0.0, 0.0, 0.0);
             for (i, said) in self.batch.said() {
-                let misfit = self.sights[i].misfit_of(&said.difference);
+                let misfit = self.sights[i].misfit_of(&add(said.difference, said.flow));
                 let weight = geman_mcclure(misfit, scale * scale);
                 squares += weight * misfit;
                 sum += weight;
@@ -523,6 +545,10 @@ fn dot(row: &Pose, pose: &Pose) -> f64 {
     row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3]
 }
 
+fn add(a: Pose, b: Pose) -> Pose {
+    std::array::from_fn(|c| a[c] + b[c])
+}
+
 fn subtract(a: Pose, b: Pose) -> Pose {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
 }
@@ -533,3 +559,6 @@ pub fn map(motion: &Motion, smoothed: Pose, strength: f64, view: &Homography) ->
     let turn = camera.turned(subtract(motion.path, smoothed));
     OutputMap::Rows { view: Homography(turn.0 * view.0).scaled(), camera, rows: rows.part(strength) }
 }
+
+#[cfg(test)]
+mod tests;

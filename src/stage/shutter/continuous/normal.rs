@@ -1,4 +1,4 @@
-//! Normal equations with a border: many unknowns of the path, and a few globals (readout time, focal length) that all see.
+//! Normal equations with a border: many unknowns of path and flow, and a few globals (readout time, focal length) that all see.
 //!
 //! ```text
 //! [ A  C' ] [ x ]   [ r ]
@@ -7,8 +7,10 @@
 //!
 //! A is symmetric; its lower triangle is stored. Nothing is allocated after `new`.
 
-/// Unknowns of the path at a time, at most.
-pub const N: usize = 160;
+/// Unknowns at a time, at most.
+pub const N: usize = FLOWS + 160;
+/// How many of them, the first ones, are the flow's (`super::flow`) and never eliminated; the others are the path's.
+pub const FLOWS: usize = 4 * super::flow::BINS;
 /// Globals.
 pub const G: usize = 2;
 
@@ -90,40 +92,73 @@ impl Normal {
         self.cross.iter_mut().for_each(|cross| cross[from..to].fill(0.0));
     }
 
-    /// Eliminates the first `cut` of `n` unknowns (Schur complement) and moves the others to the front.
-    pub fn eliminate(&mut self, cut: usize, n: usize) {
+    /// Eliminates unknowns `from` .. `to` of `n` (Schur complement) and moves those behind them to where they were.
+    pub fn eliminate(&mut self, from: usize, to: usize, n: usize) {
+        for k in from..to {
+            let pivot = self.matrix[k * N + k];
+            if pivot > 0.0 {
+                let column = self.column(k, n);
+                let rest = |i: &usize| *i < from || *i > k;
+                self.subtract(&column, k, pivot, (0..n).filter(rest));
+            }
+        }
         let m = &mut self.matrix;
-        for k in 0..cut {
-            let pivot = m[k * N + k];
-            if pivot <= 0.0 || pivot.is_nan() {
+        for i in to..n {
+            m.copy_within(i * N..i * N + from, (i + from - to) * N);
+            m.copy_within(i * N + to..i * N + i + 1, (i + from - to) * N + from);
+        }
+        self.right.copy_within(to..n, from);
+        self.cross.iter_mut().for_each(|cross| cross.copy_within(to..n, from));
+    }
+
+    /// Unknown `k` of `n` goes on as `keep` times what it was, give or take a standard deviation whose square is `variance`.
+    pub fn drift(&mut self, k: usize, keep: f64, variance: f64, n: usize) {
+        // a new unknown x' with (x' - keep x)^2 / variance, and the old one eliminated
+        let pivot = self.matrix[k * N + k] + keep * keep / variance;
+        let mut column = self.column(k, n);
+        self.subtract(&column, k, pivot, (0..n).filter(|&i| i != k));
+        let share = keep / variance / pivot;
+        column.iter_mut().for_each(|value| *value *= share);
+        for (i, value) in column[..n].iter().enumerate().filter(|(i, _)| *i != k) {
+            self.matrix[i.max(k) * N + i.min(k)] = *value;
+        }
+        self.matrix[k * N + k] = (1.0 - keep * share) / variance;
+        self.right[k] *= share;
+        self.cross.iter_mut().for_each(|cross| cross[k] *= share);
+    }
+
+    /// What ties unknown `k` to each of `n`.
+    fn column(&self, k: usize, n: usize) -> [f64; N] {
+        let mut column = [0.0; N];
+        for (i, value) in column[..n].iter_mut().enumerate() {
+            *value = self.matrix[i.max(k) * N + i.min(k)];
+        }
+        column
+    }
+
+    /// Takes from `rest` and the globals what eliminating unknown `k` takes.
+    fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: impl Iterator<Item = usize> + Clone) {
+        for i in rest.clone() {
+            let share = column[i] / pivot;
+            if share == 0.0 {
                 continue;
             }
-            for i in k + 1..n {
-                let share = m[i * N + k] / pivot;
-                if share == 0.0 {
-                    continue;
-                }
-                for j in k + 1..=i {
-                    m[i * N + j] -= share * m[j * N + k];
-                }
-                self.right[i] -= share * self.right[k];
+            // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
+            for (entry, other) in self.matrix[i * N..i * N + i + 1].iter_mut().zip(column) {
+                *entry -= share * other;
             }
-            for g in 0..G {
-                let share = self.cross[g][k] / pivot;
-                for i in k + 1..n {
-                    self.cross[g][i] -= share * m[i * N + k];
-                }
-                self.corner_right[g] -= share * self.right[k];
-                for (corner, cross) in self.corner[g].iter_mut().zip(&self.cross) {
-                    *corner -= share * cross[k];
-                }
+            self.right[i] -= share * self.right[k];
+        }
+        for g in 0..G {
+            let share = self.cross[g][k] / pivot;
+            for i in rest.clone() {
+                self.cross[g][i] -= share * column[i];
+            }
+            self.corner_right[g] -= share * self.right[k];
+            for (corner, cross) in self.corner[g].iter_mut().zip(&self.cross) {
+                *corner -= share * cross[k];
             }
         }
-        for i in cut..n {
-            m.copy_within(i * N + cut..i * N + n, (i - cut) * N);
-        }
-        self.right.copy_within(cut..n, 0);
-        self.cross.iter_mut().for_each(|cross| cross.copy_within(cut..n, 0));
     }
 
     /// Moves the origin of the globals to `origin`: what was `origin` is 0 from now on.
@@ -270,7 +305,7 @@ mod tests {
         let mut normal = system(n, 3);
         let (mut whole, mut rest) = (Solution::new(), Solution::new());
         assert!(whole.solve(&normal, n));
-        normal.eliminate(cut, n);
+        normal.eliminate(0, cut, n);
         assert!(rest.solve(&normal, n - cut));
         for i in cut..n {
             assert!((whole.path[i] - rest.path[i - cut]).abs() < 1e-9);
@@ -280,6 +315,47 @@ mod tests {
         }
         for g in 0..G {
             assert!((whole.marginal.right[g] - rest.marginal.right[g]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn elimination_in_the_middle_leaves_both_sides() {
+        let (n, from, to) = (FLOWS + 20, FLOWS, FLOWS + 8);
+        let mut normal = system(n, 7);
+        let (mut whole, mut rest) = (Solution::new(), Solution::new());
+        assert!(whole.solve(&normal, n));
+        normal.eliminate(from, to, n);
+        assert!(rest.solve(&normal, n + from - to));
+        for i in (0..from).chain(to..n) {
+            let at = if i < from { i } else { i + from - to };
+            assert!((whole.path[i] - rest.path[at]).abs() < 1e-9, "{i}");
+        }
+        for (a, b) in whole.marginal.matrix.as_flattened().iter().zip(rest.marginal.matrix.as_flattened()) {
+            assert!((a - b).abs() < 1e-9 * a.abs().max(1.0));
+        }
+    }
+
+    /// An unknown that goes on, against the same with its successor as an unknown of its own.
+    #[test]
+    fn what_drifts_is_an_unknown_of_its_own() {
+        let (n, k, keep, variance) = (14, 5, 0.8, 0.3);
+        let mut normal = system(n, 11);
+        let mut both = normal.clone();
+        both.matrix[n * N + n] = 1.0 / variance;
+        both.matrix[n * N + k] = -keep / variance;
+        both.matrix[k * N + k] += keep * keep / variance;
+        normal.drift(k, keep, variance, n);
+        let (mut wanted, mut found) = (Solution::new(), Solution::new());
+        assert!(wanted.solve(&both, n + 1) && found.solve(&normal, n));
+        for i in 0..n {
+            let successor = if i == k { n } else { i };
+            assert!((wanted.path[successor] - found.path[i]).abs() < 1e-9, "{i}");
+        }
+        for (a, b) in wanted.marginal.matrix.as_flattened().iter().zip(found.marginal.matrix.as_flattened()) {
+            assert!((a - b).abs() < 1e-9 * a.abs().max(1.0));
+        }
+        for g in 0..G {
+            assert!((wanted.marginal.right[g] - found.marginal.right[g]).abs() < 1e-9);
         }
     }
 

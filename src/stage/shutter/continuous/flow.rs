@@ -1,0 +1,184 @@
+//! The flow: what of the picture's motion no turn explains, because the camera travels.
+//!
+//! Between two frames `interval` seconds apart, a point half-way on row y moves by the turn of the camera and by
+//!
+//! ```text
+//! interval * B(x_mid) * phi(y)          phi(y) = sum_j h_j(y) phi_j
+//! ```
+//!
+//! pixels, with h_j hat functions over the rows ([`BINS`] of them) and phi_j in the units of a pose per second. A camera that moves along
+//! a plane (ground, wall) adds a flow of exactly this form to each row, whatever its direction.
+//!
+//! The phi_j are unknowns of the filter beside the path's control points. On one pair of frames a row's flow and the path's motion within
+//! the frame look alike; they are told apart by time alone. The flow goes on from pair to pair (a stationary Gauss-Markov process:
+//! `phi' = a phi + w`, `a = exp(-t / KEEP_S)`), while a changing turn moves the rows as fast as the shake and by zero on average.
+//!
+//! A constant added to phi and taken from the path's speed changes nothing that is seen, so the prior must say which layer of the
+//! scene stands still. It says that phi is nothing in most rows: each value has a variance of its own that follows the mean square of
+//! what was found of it (automatic relevance determination), but at least that of [`LEAST_PX`]. So the layer that turns alone explain,
+//! the far one, holds the path, and nearer layers flow past it. Motion of the camera never magnifies some rows and not others: a zoom that
+//! differs between rows is a sure sign of travel, and where one is found the turns' variances are raised as well.
+
+use super::normal::{FLOWS, G};
+use crate::geometry::Pose;
+use crate::kernel::normal::POINTS;
+
+/// Hat functions over the rows.
+pub const BINS: usize = 6;
+/// Products of a derivative's channels.
+const PRODUCTS: usize = 10;
+/// Standard deviation of what flows where nothing seems to, pixels / s: the turns' at the principal point, the others' at the picture's
+/// side.
+const LEAST_PX: f64 = 0.1;
+/// What is added to it at the beginning, where travel may be under way: to the zoom's, and to the turns' where the readout time is to
+/// be found, for which flow must not be mistaken. It fades with [`LEARN_S`].
+const FIRST_ZOOM_PX: f64 = 3.0;
+const FIRST_TURN_PX: f64 = 1.0;
+/// Variance that is expected, of the mean square of what was found.
+const MORE: f64 = 1.7;
+/// Seconds for which the flow keeps its direction.
+const KEEP_S: f64 = 0.85;
+/// Seconds in which the expected size follows what is found.
+const LEARN_S: f64 = 0.2;
+/// The channel of a pose that zooms.
+const ZOOM: usize = 3;
+
+/// What is expected of the flow.
+#[derive(Clone, Debug, Default)]
+pub struct Flow {
+    /// Variance of a flow of one pixel a second, in each channel's units.
+    pixel: Pose,
+    /// Variances that are added at first.
+    first: Pose,
+    /// Mean squares of what was found.
+    squares: [f64; FLOWS],
+}
+
+impl Flow {
+    /// Nothing flows, in pictures of focal length `focal` and half the width `half_width` (pixels). Says whether turns may be under way that
+    /// could be mistaken for the rows' motion: where the readout time is not known.
+    pub fn new(focal: f64, half_width: f64, readout_unknown: bool) -> Self {
+        let [turn, other] = [focal, half_width].map(|size| 1.0 / (size * size));
+        let pixel = [turn, turn, other, other];
+        let turns_px = if readout_unknown { FIRST_TURN_PX } else { 0.0 };
+        let first_px = [turns_px, turns_px, turns_px, FIRST_ZOOM_PX];
+        Self { pixel, first: std::array::from_fn(|c| first_px[c] * first_px[c] * pixel[c]), squares: [0.0; FLOWS] }
+    }
+
+    /// The variance that is expected of value `k` (of bin k / 4, channel k % 4).
+    pub fn variance(&self, k: usize) -> f64 {
+        let (zoom, channel) = (k - k % 4 + ZOOM, k % 4);
+        let in_pixels = |k: usize| self.squares[k] / self.pixel[k % 4];
+        let turns = channel < 2;
+        let found = if turns { in_pixels(k).max(in_pixels(zoom)) } else { in_pixels(k) };
+        self.pixel[channel] * (MORE * found).max(LEAST_PX * LEAST_PX) + self.first[channel]
+    }
+
+    /// How much is kept of value `k` after `seconds`, and the variance of what is new.
+    pub fn drift(&self, k: usize, seconds: f64) -> (f64, f64) {
+        let keep = (-seconds / KEEP_S).exp();
+        (keep, (1.0 - keep * keep) * self.variance(k))
+    }
+
+    /// Takes in what was found `seconds` after the last time.
+    pub fn learn(&mut self, found: &[f64; FLOWS], seconds: f64) {
+        let news = 1.0 - (-seconds / LEARN_S).exp();
+        for (square, value) in self.squares.iter_mut().zip(found) {
+            *square += news * (value * value - *square);
+        }
+        self.first.iter_mut().for_each(|variance| *variance *= 1.0 - news);
+    }
+}
+
+/// A row as the flow sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// The first of the two bins that matter.
+    pub bin: usize,
+    /// Their weights: the hat functions times the seconds for which they flow.
+    pub weights: [f64; 2],
+}
+
+impl Row {
+    /// The row at the part `part` (0: top, to 1: bottom) of the picture, for `seconds`.
+    pub fn new(part: f64, seconds: f64) -> Self {
+        let place = (part * (BINS - 1) as f64).clamp(0.0, (BINS - 1) as f64);
+        let bin = (place as usize).min(BINS - 2);
+        let later = place - bin as f64;
+        Self { bin, weights: [seconds * (1.0 - later), seconds * later] }
+    }
+}
+
+/// What measurements of the same control points say of the flow.
+#[derive(Clone, Debug, Default)]
+pub struct Sums {
+    /// Of each bin with each control point.
+    pub crossed: [[[f64; PRODUCTS]; POINTS]; BINS],
+    /// Of each bin with itself, and with the one before.
+    pub paired: [[[f64; PRODUCTS]; 2]; BINS],
+    /// Of each bin with what was seen, and with the globals.
+    pub single: [[f64; 4 * (1 + G)]; BINS],
+}
+
+impl Sums {
+    /// Adds a measurement: its information, its weights of the control points, the products of its derivative's channels, and their
+    /// products with what was seen and with the globals.
+    #[inline]
+    pub fn add<const W: usize>(
+        &mut self,
+        row: &Row,
+        information: f64,
+        weights: &[f64; POINTS],
+        products: &[f64; W],
+        single: &[f64; W],
+    ) {
+        let scaled: [f64; PRODUCTS] = std::array::from_fn(|i| information * products[i]);
+        let add = |sums: &mut [f64; PRODUCTS], weight: f64| {
+            sums.iter_mut().zip(&scaled).for_each(|(sum, product)| *sum += weight * product);
+        };
+        for (i, weight) in row.weights.into_iter().enumerate() {
+            let bin = row.bin + i;
+            for (sums, point) in self.crossed[bin].iter_mut().zip(weights) {
+                add(sums, weight * point);
+            }
+            add(&mut self.paired[bin][0], weight * weight);
+            let share = information * weight;
+            self.single[bin].iter_mut().zip(single).for_each(|(sum, value)| *sum += share * value);
+        }
+        add(&mut self.paired[row.bin + 1][1], row.weights[0] * row.weights[1]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_lies_between_two_bins() {
+        for part in [-0.1, 0.0, 0.31, 0.6, 1.0, 1.1] {
+            let Row { bin, weights } = Row::new(part, 0.5);
+            assert!(bin + 1 < BINS);
+            assert!((weights[0] + weights[1] - 0.5).abs() < 1e-12 && weights.iter().all(|w| *w >= 0.0), "{part}");
+            let place = (bin as f64 + 2.0 * weights[1]) / (BINS - 1) as f64;
+            assert!((place - part.clamp(0.0, 1.0)).abs() < 1e-12, "{part}: {place}");
+        }
+    }
+
+    #[test]
+    fn expectation_follows_what_is_found_and_zoom_raises_the_turns() {
+        let (focal, half) = (500.0, 320.0);
+        let mut flow = Flow::new(focal, half, false);
+        let deviation = |flow: &Flow, k: usize| (flow.variance(k) / flow.pixel[k % 4]).sqrt();
+        assert!((deviation(&flow, 0) - LEAST_PX).abs() < 1e-9);
+        assert!(deviation(&flow, 3) > FIRST_ZOOM_PX);
+        assert!(deviation(&Flow::new(focal, half, true), 1) > FIRST_TURN_PX);
+        let mut found = [0.0; FLOWS];
+        found[4 + ZOOM] = 60.0 / half;
+        (0..200).for_each(|_| flow.learn(&found, 1.0 / 30.0));
+        for (k, wanted) in [(0, LEAST_PX), (3, LEAST_PX), (4, MORE.sqrt() * 60.0), (6, LEAST_PX), (7, MORE.sqrt() * 60.0)] {
+            assert!((deviation(&flow, k) - wanted).abs() < 1e-3 * wanted.max(1.0), "{k}: {}", deviation(&flow, k));
+        }
+        let (keep, variance) = flow.drift(7, 100.0);
+        assert!(keep < 1e-9 && (variance / flow.variance(7) - 1.0).abs() < 1e-9);
+    }
+}
