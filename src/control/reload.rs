@@ -58,7 +58,7 @@ impl Reloads {
         }
     }
 
-    /// The ticket of the next reading, once it may begin, and whether to say that nothing changed; `None` where nobody waits for one.
+    /// The ticket of the next reading, once it may begin, and whether to say that nothing changed; `None` where none is due.
     fn begin(&self) -> Option<(u64, bool)> {
         loop {
             let mut readings = self.readings();
@@ -81,8 +81,8 @@ impl Reloads {
 
 impl DaemonState {
     /// Has the configuration read again soon, on another thread, and returns the ticket of that reading: one that begins after this
-    /// call, so that it sees what is in the file now. What comes of it is in the log, and told to whoever listens; that nothing changed is
-    /// in the log where somebody wants it `aloud`, who gets no answer.
+    /// call, so that it sees what is in the file now. The result is logged and returned to the clients that wait for it. That nothing
+    /// changed is logged only with `aloud`, for a caller that gets no reply (SIGHUP).
     pub fn reload_soon(self: &Arc<Self>, aloud: bool) -> u64 {
         let mut readings = self.reloads.readings();
         readings.aloud |= aloud;

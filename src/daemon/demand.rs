@@ -43,7 +43,7 @@ impl Demand {
         }
     }
 
-    /// As [`Demand::new`], where every visit is one of somebody who watches.
+    /// As [`Demand::new`], where every visit counts as a viewer's.
     pub(super) fn exact(linger: Duration) -> Self {
         Self { doubts: false, ..Self::new(linger) }
     }

@@ -95,7 +95,7 @@ impl ViewerEvents {
             let count = match self.wait(patience) {
                 Ok(count) => count,
                 Err(error) => {
-                    // Whoever writes to the device will find out what is wrong with it.
+                    // The next write to the device reports the fault.
                     tracing::warn!(%error, "cannot detect viewers any more, keeping the camera open");
                     known.set(1, 0, true, wake);
                     return;

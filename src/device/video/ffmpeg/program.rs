@@ -23,7 +23,7 @@ const LONGEST_LINE: usize = 200;
 pub(super) fn program(name: &str) -> Command {
     let mut command = Command::new(name);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).process_group(0);
-    // A report would be a file that nobody asked for.
+    // FFREPORT would leave a file that the user did not ask for.
     command.env_remove("FFREPORT").env("AV_LOG_FORCE_NOCOLOR", "1");
     command
 }

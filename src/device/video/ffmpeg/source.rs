@@ -56,7 +56,7 @@ impl FfmpegSource {
             return Err(cannot(std::io::ErrorKind::BrokenPipe.into()));
         };
         let (tell, times) = unbounded();
-        // Where nobody reads the times any more, the program is being ended.
+        // A send fails only once the source is dropped, which ends the program.
         let see = move |line: &str| line.contains("[info]") && time_in(line).is_none_or(|time| tell.send(time).is_ok());
         let mut words = Words::listen(said, see).map_err(cannot)?;
         let opened = Y4mSource::new(Input::from_reader(path.into(), Box::new(pictures), None));
@@ -144,7 +144,7 @@ fn time_in(line: &str) -> Option<Option<i64>> {
     Some(pts.parse().ok())
 }
 
-/// Ends a program that nobody needs any more.
+/// Ends a program that is no longer needed.
 fn end(child: &mut Child) {
     let _ = child.kill();
     let _ = child.wait();
