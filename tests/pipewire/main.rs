@@ -112,6 +112,33 @@ fn two_readers_get_every_picture_in_order_and_the_camera_rests_when_they_have_le
 }
 
 #[test]
+fn two_daemons_are_two_cameras_and_who_watches_one_wakes_no_other() {
+    const OTHER: (u32, u32) = (160, 120);
+    let Some((session, producer, _companion)) = offered("two", SIZE) else { return };
+    let instance = format!("{}-other", producer::instance());
+    let node = format!("gimbald.{instance}");
+    let other = Producer::named(&session.folder, &instance, OTHER, 20_000);
+    until("the second node", || session.node(&node).is_some());
+    let descriptions =
+        [node_name(), node.clone()].map(|name| session.node(&name).unwrap()["props"]["node.description"].clone());
+    assert_ne!(descriptions[0], descriptions[1], "programs list them by these");
+
+    let reader = Reader::of(&session, &node, OTHER);
+    reader.reaches(20_010);
+    assert_eq!((producer.companions.watching(), producer.number()), (0, 0));
+    let first = Reader::start(&session, SIZE);
+    first.reaches(10);
+    let at = producer.number();
+    drop(reader);
+    until("no program watches the second", || other.companions.watching() == 0);
+    first.reaches(at + 30);
+    assert!(first.numbers().iter().all(|&number| number < 20_000), "each has its own camera's pictures");
+
+    drop(other);
+    first.reaches(at + 60);
+}
+
+#[test]
 fn readers_keep_their_camera_while_the_daemon_is_away() {
     let Some(Stage { session, producer, companion: _companion, reader }) = staged("restart", SIZE) else { return };
     drop(producer);

@@ -38,14 +38,20 @@ pub fn node_name() -> String {
     format!("gimbald.{}", instance())
 }
 
-/// The folder of the producer's socket in a session's runtime directory.
-fn place(runtime: &Path) -> PathBuf {
-    runtime.join(format!("gimbald-{}", instance()))
+/// The folder of an instance's socket in a session's runtime directory.
+fn place(runtime: &Path, instance: &str) -> PathBuf {
+    runtime.join(format!("gimbald-{instance}"))
 }
 
 impl Producer {
-    pub fn start(runtime: &Path, (width, height): (u32, u32), first: u32) -> Self {
-        let server = Server::open(&place(runtime)).unwrap();
+    /// The daemon of the test's one camera; its first picture has the number after `first`.
+    pub fn start(runtime: &Path, size: (u32, u32), first: u32) -> Self {
+        Self::named(runtime, &instance(), size, first)
+    }
+
+    /// The daemon of another instance.
+    pub fn named(runtime: &Path, instance: &str, (width, height): (u32, u32), first: u32) -> Self {
+        let server = Server::open(&place(runtime, instance)).unwrap();
         let companions = server.companions().clone();
         let mut outlet = companions.outlet(&StreamFormat::tight(width, height, PixelFormat::I420, (1, 30)));
         companions.camera_is(Path::new("/dev/null"));

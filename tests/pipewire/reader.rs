@@ -32,6 +32,11 @@ impl Reader {
         Self::with(session, (width, height), "video/x-raw")
     }
 
+    /// The same of another node.
+    pub fn of(session: &Session, node: &str, size: (u32, u32)) -> Self {
+        Self::of_through(session, node, size, &["video/x-raw"])
+    }
+
     /// The same, with GStreamer's words for what it wants.
     pub fn with(session: &Session, size: (u32, u32), wants: &str) -> Self {
         Self::through(session, size, &[wants])
@@ -48,9 +53,13 @@ impl Reader {
         Self::through(session, CUT, &["video/x-raw", "!", "videocrop", &right, &bottom])
     }
 
-    fn through(session: &Session, (width, height): (u32, u32), elements: &[&str]) -> Self {
+    fn through(session: &Session, size: (u32, u32), elements: &[&str]) -> Self {
+        Self::of_through(session, &node_name(), size, elements)
+    }
+
+    fn of_through(session: &Session, node: &str, (width, height): (u32, u32), elements: &[&str]) -> Self {
         let mut command = session.command("gst-launch-1.0");
-        let target = format!("target-object={}", node_name());
+        let target = format!("target-object={node}");
         command.args(["-q", "pipewiresrc", &target, "!"]).args(elements).args(["!", "fdsink", "fd=1", "sync=false"]);
         let log = std::fs::File::options().append(true).create(true).open(session.folder.join("reader.log")).unwrap();
         let mut child = command.stdout(Stdio::piped()).stderr(log).spawn().unwrap();
