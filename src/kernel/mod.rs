@@ -1,4 +1,4 @@
-//! Pixel loops and the equations of the camera's motion (`normal`): the one place with SIMD. Scalar code defines the result, every other
+//! Pixel loops and the equations of the camera's motion (`normal`, `dense`): the one place with SIMD. Scalar code defines the result, every other
 //! variant gives the same bits.
 //!
 //! Most kernels here are plain loops that the compiler vectorizes by itself once it may use wider registers; [`dispatch!`]
@@ -7,6 +7,7 @@
 pub mod cache;
 pub mod convert;
 pub mod corner;
+pub mod dense;
 pub mod lk;
 pub mod normal;
 pub mod pyramid;

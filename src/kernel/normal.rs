@@ -1,14 +1,17 @@
-//! Sums for normal equations of many small measurements of a curve's points, all of the same points: what each adds is a product of
-//! a few weights and a few numbers of its own.
+//! Sums for normal equations of many small measurements of the same points: what each adds is a product of a few weights and a few
+//! numbers of its own.
 //!
-//! A measurement m of eight points says something of `sum_p w[p] x[p]`, where each point x[p] has four channels. Its normal matrix is
+//! A measurement m of ten points (eight of a curve, four for each of two moments, and two beside it) says something of
+//! `sum_p w[p] x[p]`, where each point x[p] has four channels. Its normal matrix is
 //! `w[p] w[q] A` for the block of points p and q, with one A (four by four, symmetric) for all of them. So it needs no more than the
-//! ten numbers of A for each of the 36 pairs of points.
+//! ten numbers of A for each of the 55 pairs of points.
 
 use super::{Level, dispatch};
 
 /// Points.
-pub const POINTS: usize = 8;
+pub const POINTS: usize = CURVE + 2;
+/// How many of them, the first ones, are the curve's: as many for the one moment as for the other.
+pub const CURVE: usize = 8;
 /// Pairs of them, (p, q) with q <= p, p by p.
 pub const PAIRS: usize = POINTS * (POINTS + 1) / 2;
 /// Numbers that are summed side by side.
@@ -97,13 +100,13 @@ fn mix(scale: &[f64; AT_ONCE], rows: &[&[f64; WIDE]; AT_ONCE], sum: &mut [f64; W
     }
 }
 
-/// For each measurement, the sum of the points by its weights (four channels), and those by its `rates` of the first and of the last
+/// For each measurement, the sum of the points by its weights (four channels), and those by its `rates` of the curve's first and last
 /// four points.
 pub fn evaluate(
     level: Level,
     points: &[[f64; 4]; POINTS],
     weights: &[[f64; POINTS]],
-    rates: &[[f64; POINTS]],
+    rates: &[[f64; CURVE]],
     said: &mut [[f64; WIDE]],
 ) {
     dispatch!(
@@ -111,21 +114,26 @@ pub fn evaluate(
         evaluate_body(
             points: &[[f64; 4]; POINTS],
             weights: &[[f64; POINTS]],
-            rates: &[[f64; POINTS]],
+            rates: &[[f64; CURVE]],
             said: &mut [[f64; WIDE]],
         )
     )
 }
 
 #[inline(always)]
-fn evaluate_body(points: &[[f64; 4]; POINTS], weights: &[[f64; POINTS]], rates: &[[f64; POINTS]], said: &mut [[f64; WIDE]]) {
+fn evaluate_body(points: &[[f64; 4]; POINTS], weights: &[[f64; POINTS]], rates: &[[f64; CURVE]], said: &mut [[f64; WIDE]]) {
     for ((weights, rates), said) in weights.iter().zip(rates).zip(said) {
         let mut sums = [[0.0; 4]; 3];
-        for p in 0..POINTS {
-            let half = 1 + p / (POINTS / 2);
+        for p in 0..CURVE {
+            let half = 1 + p / (CURVE / 2);
             for c in 0..4 {
                 sums[0][c] += weights[p] * points[p][c];
                 sums[half][c] += rates[p] * points[p][c];
+            }
+        }
+        for p in CURVE..POINTS {
+            for c in 0..4 {
+                sums[0][c] += weights[p] * points[p][c];
             }
         }
         said.copy_from_slice(sums.as_flattened());
@@ -178,15 +186,15 @@ mod tests {
 
     #[test]
     fn every_level_evaluates_the_same_and_what_the_definition_says() {
-        let (weights, rates) = (numbers::<POINTS>(7, 5), numbers::<POINTS>(7, 6));
+        let (weights, rates) = (numbers::<POINTS>(7, 5), numbers::<CURVE>(7, 6));
         let points: [[f64; 4]; POINTS] = std::array::from_fn(|p| numbers(1, 70 + p as u64)[0]);
         for level in Level::all() {
             let mut said = vec![[9.0; WIDE]; 7];
             evaluate(level, &points, &weights, &rates, &mut said);
             for (m, said) in said.iter().enumerate() {
                 for c in 0..4 {
-                    let sum = |of: &[f64; POINTS], p: std::ops::Range<usize>| p.map(|p| of[p] * points[p][c]).sum::<f64>();
-                    let wanted = [sum(&weights[m], 0..8), sum(&rates[m], 0..4), sum(&rates[m], 4..8)];
+                    let sum = |of: &[f64], p: std::ops::Range<usize>| p.map(|p| of[p] * points[p][c]).sum::<f64>();
+                    let wanted = [sum(&weights[m], 0..POINTS), sum(&rates[m], 0..4), sum(&rates[m], 4..8)];
                     (0..3).for_each(|i| assert!((said[4 * i + c] - wanted[i]).abs() < 1e-12));
                 }
             }

@@ -1,20 +1,23 @@
 //! The measurements of a pair of frames, side by side, those of the same control points together.
 //!
 //! A track measures the difference of two poses, `moved = derivative * (P(later) - P(sooner))`, and each pose is a weighted sum of four
-//! control points. Most tracks share their eight points with many others; so they are sorted by them, and summed and evaluated run by
+//! control points; the flow's two bins at its row are two more. Most tracks share their ten points with many others; so they are sorted by them, and summed and evaluated run by
 //! run ([`normal`]). What does not change from one round of weighing to the next is prepared once.
 
 use super::filter::{Filter, Place};
-use super::flow;
+use super::flow::{self, BINS};
 use super::normal::G;
 use crate::geometry::Pose;
 use crate::kernel::Level;
-use crate::kernel::normal::{self, Measurements, POINTS, Sums, WIDE};
+use crate::kernel::normal::{self, CURVE, Measurements, POINTS, Sums, WIDE};
 
 /// Bits of a key that say which measurement it is; the others say which control points.
 const INDEX_BITS: u32 = 12;
 /// Bits of each of its two points.
 const POINT_BITS: u32 = 6;
+/// Bits of the flow's first bin.
+const BIN_BITS: u32 = 3;
+const _: () = assert!(BINS <= 1 << BIN_BITS);
 /// The key's points where the filter does not hold them.
 const NOWHERE: u32 = (1 << (2 * POINT_BITS)) - 1;
 
@@ -30,23 +33,20 @@ pub struct Batch {
     flows: Vec<flow::Row>,
     // the following in the order of the keys
     weights: Vec<[f64; POINTS]>,
-    rates: Vec<[f64; POINTS]>,
+    rates: Vec<[f64; CURVE]>,
     /// Products of the derivative's channels (the lower triangle, row by row), x and y together.
     products: Vec<[f64; WIDE]>,
     /// The derivative's channels times what was seen, then times each global's effect.
     single: Vec<[f64; WIDE]>,
     scale: Vec<f64>,
     said: Vec<[f64; WIDE]>,
-    flowed: Vec<Pose>,
 }
 
-/// What the path says at a measurement's moments.
+/// What path and flow say of a measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Said {
-    /// Difference of the poses.
-    pub difference: Pose,
-    /// What the flow adds to it.
-    pub flow: Pose,
+    /// Difference of the poses and what the flow adds to it.
+    pub change: Pose,
     /// Speeds at the sooner and the later moment, units / s.
     pub speeds: [Pose; 2],
 }
@@ -66,7 +66,6 @@ impl Batch {
             single: Vec::with_capacity(most),
             scale: Vec::with_capacity(most),
             said: Vec::with_capacity(most),
-            flowed: Vec::with_capacity(most),
         }
     }
 
@@ -83,7 +82,7 @@ impl Batch {
             [Some(sooner), Some(later)] => (sooner as u32) << POINT_BITS | later as u32,
             _ => NOWHERE,
         };
-        self.keys.push(points << INDEX_BITS | self.places.len() as u32);
+        self.keys.push((points << BIN_BITS | flow.bin as u32) << INDEX_BITS | self.places.len() as u32);
         self.places.push(moments);
         self.flows.push(flow);
     }
@@ -96,8 +95,6 @@ impl Batch {
         self.scale.resize(count, 0.0);
         self.said.clear();
         self.said.resize(count, [0.0; WIDE]);
-        self.flowed.clear();
-        self.flowed.resize(count, [0.0; 4]);
         self.weights.clear();
         self.rates.clear();
         self.products.clear();
@@ -105,11 +102,12 @@ impl Batch {
         for &key in &self.keys {
             let number = number(key);
             let [sooner, later] = &self.places[number];
-            let (mut weights, mut rates) = ([0.0; POINTS], [0.0; POINTS]);
+            let (mut weights, mut rates) = ([0.0; POINTS], [0.0; CURVE]);
             for i in 0..4 {
                 (weights[i], weights[4 + i]) = (-sooner.weights[i], later.weights[i]);
                 (rates[i], rates[4 + i]) = (sooner.rates[i], later.rates[i]);
             }
+            weights[CURVE..].copy_from_slice(&self.flows[number].weights);
             self.weights.push(weights);
             self.rates.push(rates);
             let ([dx, dy], [x, y]) = seen(number);
@@ -137,12 +135,6 @@ impl Batch {
             from = range.end;
             let Some(points) = points(run[0]) else { continue };
             let mut sums = Sums::default();
-            let mut flow = flow::Sums::default();
-            for at in range.clone() {
-                let row = &self.flows[number(self.keys[at])];
-                flow.add(row, self.scale[at], &self.weights[at], &self.products[at], &self.single[at]);
-            }
-            filter.add_flow(points, &flow);
             let measurements = Measurements {
                 scale: &self.scale[range.clone()],
                 weights: &self.weights[range.clone()],
@@ -165,11 +157,8 @@ impl Batch {
         }
     }
 
-    /// Asks the filter's path what it says of each measurement.
+    /// Asks the filter's path and flow what they say of each measurement.
     pub fn evaluate(&mut self, filter: &Filter) {
-        for (flowed, &key) in self.flowed.iter_mut().zip(&self.keys) {
-            *flowed = filter.flow_at(&self.flows[number(key)]);
-        }
         let mut from = 0;
         for run in self.keys.chunk_by(|a, b| a >> INDEX_BITS == b >> INDEX_BITS) {
             let range = from..from + run.len();
@@ -191,7 +180,12 @@ impl Batch {
     pub fn said_at(&self, index: usize) -> (usize, Said) {
         let said = &self.said[index];
         let pose = |i: usize| std::array::from_fn(|c| said[4 * i + c]);
-        (number(self.keys[index]), Said { difference: pose(0), flow: self.flowed[index], speeds: [pose(1), pose(2)] })
+        (number(self.keys[index]), Said { change: pose(0), speeds: [pose(1), pose(2)] })
+    }
+
+    /// Where on the flow measurement `number` lies.
+    pub fn flow_row(&self, number: usize) -> &flow::Row {
+        &self.flows[number]
     }
 
     /// As [`Batch::said_at`], of all in turn.
@@ -204,8 +198,9 @@ fn number(key: u32) -> usize {
     (key & ((1 << INDEX_BITS) - 1)) as usize
 }
 
-/// First points of both moments, counted from the filter's first.
-fn points(key: u32) -> Option<[usize; 2]> {
-    let points = key >> INDEX_BITS;
-    (points != NOWHERE).then_some([(points >> POINT_BITS) as usize, (points & ((1 << POINT_BITS) - 1)) as usize])
+/// The first control points of both moments, counted from the filter's first, and the flow's first bin.
+fn points(key: u32) -> Option<([usize; 2], usize)> {
+    let (points, bin) = (key >> INDEX_BITS >> BIN_BITS, key >> INDEX_BITS & ((1 << BIN_BITS) - 1));
+    let point = |at: u32| (at & ((1 << POINT_BITS) - 1)) as usize;
+    (points != NOWHERE).then_some(([point(points >> POINT_BITS), point(points)], bin as usize))
 }

@@ -8,7 +8,7 @@
 use super::flow::{self, BINS, Flow};
 use super::normal::{FLOWS, G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
-use crate::kernel::normal::{POINTS, Sums};
+use crate::kernel::normal::{CURVE, POINTS, Sums};
 
 /// Control points held at a time, at most.
 pub const MOST_POINTS: usize = (N - FLOWS) / 4;
@@ -56,7 +56,7 @@ pub struct Filter {
 }
 
 /// Standard deviations up to which the prior is Gauss's; beyond, its pull stays the same (Huber).
-const HUBER: f64 = 2.0;
+const HUBER: f64 = 1.5;
 /// Seconds in which the prior's deviations follow what is found.
 const LEARN_S: f64 = 2.0;
 /// Mean square of the path's acceleration and jerk, in standard deviations of the prior, where the prior is right: less than 1, as
@@ -105,6 +105,18 @@ impl Filter {
         for k in 0..FLOWS {
             let (keep, variance) = self.flow.drift(k, seconds);
             self.base.drift(k, keep, variance, n);
+        }
+    }
+
+    /// The bins that flow least, of those where tracks are `present`, hold the path: together they flow nothing.
+    pub fn hold_flow(&mut self, present: &[f64; BINS]) {
+        let holds = self.flow.holds(present);
+        for (c, information) in self.flow.held() {
+            for i in 0..BINS {
+                for j in 0..=i {
+                    self.base.matrix[(4 * i + c) * N + 4 * j + c] += holds[i] * holds[j] * information;
+                }
+            }
         }
     }
 
@@ -316,9 +328,9 @@ impl Filter {
         held.then(|| (place.first - self.first) as usize)
     }
 
-    /// The path's control points at two moments, four from each offset on.
-    pub fn points(&self, offsets: [usize; 2]) -> [[f64; 4]; POINTS] {
-        std::array::from_fn(|k| std::array::from_fn(|c| self.solution.path[FLOWS + 4 * point(offsets, k) + c]))
+    /// The path's control points at two moments, four from each offset on, and the flow's two from `bin` on.
+    pub fn points(&self, (offsets, bin): ([usize; 2], usize)) -> [[f64; 4]; POINTS] {
+        std::array::from_fn(|k| std::array::from_fn(|c| self.solution.path[unknown(offsets, bin, k) + c]))
     }
 
     /// Starts weighing: measurements added from now on are on trial, and those added since the last start are forgotten.
@@ -327,60 +339,29 @@ impl Filter {
         self.add_prior();
     }
 
-    /// Adds measurements of the same control points, four from each offset on, on trial.
-    pub fn add(&mut self, offsets: [usize; 2], sums: &Sums) {
+    /// Adds measurements of the same control points, four from each offset on, and of the flow's two bins from `bin` on, on trial.
+    pub fn add(&mut self, (offsets, bin): ([usize; 2], usize), sums: &Sums) {
         let mut pairs = sums.paired.iter();
         for p in 0..POINTS {
-            let to = point(offsets, p);
+            let to = unknown(offsets, bin, p);
             for c in 0..4 {
-                self.full.right[FLOWS + 4 * to + c] += sums.single[p][c];
+                self.full.right[to + c] += sums.single[p][c];
                 for g in 0..G {
-                    self.full.cross[g][FLOWS + 4 * to + c] += sums.single[p][4 * (1 + g) + c];
+                    self.full.cross[g][to + c] += sums.single[p][4 * (1 + g) + c];
                 }
             }
             for (q, pair) in (0..=p).zip(&mut pairs) {
-                let other = point(offsets, q);
+                let other = unknown(offsets, bin, q);
                 let (row, column) = (to.max(other), to.min(other));
                 // a point of both moments meets itself in both orders
                 let times = if p != q && row == column { 2.0 } else { 1.0 };
                 for i in 0..4 {
-                    let entries = &mut self.full.matrix[(FLOWS + 4 * row + i) * N + FLOWS + 4 * column..][..4];
+                    let entries = &mut self.full.matrix[(row + i) * N + column..][..4];
                     for (j, entry) in entries.iter_mut().enumerate() {
                         let (upper, lower) = (i.min(j), i.max(j));
                         *entry += times * pair[lower * (lower + 1) / 2 + upper];
                     }
                 }
-            }
-        }
-    }
-
-    /// Adds what measurements of the same control points say of the flow, on trial.
-    pub fn add_flow(&mut self, offsets: [usize; 2], sums: &flow::Sums) {
-        for bin in 0..BINS {
-            let flow = 4 * bin;
-            for c in 0..4 {
-                self.full.right[flow + c] += sums.single[bin][c];
-                for g in 0..G {
-                    self.full.cross[g][flow + c] += sums.single[bin][4 * (1 + g) + c];
-                }
-            }
-            for (p, pair) in sums.crossed[bin].iter().enumerate() {
-                self.add_block(FLOWS + 4 * point(offsets, p), flow, pair);
-            }
-            self.add_block(flow, flow, &sums.paired[bin][0]);
-            if bin > 0 {
-                self.add_block(flow, flow - 4, &sums.paired[bin][1]);
-            }
-        }
-    }
-
-    /// Adds a symmetric block of four by four (its lower triangle, row by row).
-    fn add_block(&mut self, row: usize, column: usize, block: &[f64]) {
-        for i in 0..4 {
-            let entries = &mut self.full.matrix[(row + i) * N + column..][..4];
-            for (j, entry) in entries.iter_mut().enumerate() {
-                let (upper, lower) = (i.min(j), i.max(j));
-                *entry += block[lower * (lower + 1) / 2 + upper];
             }
         }
     }
@@ -450,10 +431,10 @@ impl Filter {
     }
 }
 
-/// The control point of number `k` of two moments' eight.
+/// The first unknown of point `k` of a measurement's: two moments' eight, then the flow's.
 #[inline(always)]
-fn point(offsets: [usize; 2], k: usize) -> usize {
-    offsets[k / 4] + k % 4
+fn unknown(offsets: [usize; 2], bin: usize, k: usize) -> usize {
+    if k < CURVE { FLOWS + 4 * (offsets[k / 4] + k % 4) } else { 4 * (bin + k - CURVE) }
 }
 
 #[cfg(test)]
@@ -504,7 +485,7 @@ mod tests {
         for (i, said) in batch.said() {
             let (derivative, value, by_global, places, row) = &seen[i];
             if i % 4 == 3 {
-                assert_eq!(said.difference, [0.0; 4]);
+                assert_eq!(said.change, [0.0; 4]);
                 continue;
             }
             let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
@@ -528,8 +509,7 @@ mod tests {
                 }
             }
             for c in 0..4 {
-                assert!((said.flow[c] - flowed[c]).abs() < 1e-12);
-                assert!((said.difference[c] - difference[c]).abs() < 1e-12);
+                assert!((said.change[c] - difference[c] - flowed[c]).abs() < 1e-12);
                 (0..2).for_each(|m| assert!((said.speeds[m][c] - speeds[m][c]).abs() < 1e-9));
             }
             for (axis, row) in rows.iter().enumerate() {

@@ -13,34 +13,45 @@
 //! the frame look alike; they are told apart by time alone. The flow goes on from pair to pair (a stationary Gauss-Markov process:
 //! `phi' = a phi + w`, `a = exp(-t / KEEP_S)`), while a changing turn moves the rows as fast as the shake and by zero on average.
 //!
-//! A constant added to phi and taken from the path's speed changes nothing that is seen, so the prior must say which layer of the
-//! scene stands still. It says that phi is nothing in most rows: each value has a variance of its own that follows the mean square of
-//! what was found of it (automatic relevance determination), but at least that of [`LEAST_PX`]. So the layer that turns alone explain,
-//! the far one, holds the path, and nearer layers flow past it. Motion of the camera never magnifies some rows and not others: a zoom that
-//! differs between rows is a sure sign of travel, and where one is found the turns' variances are raised as well.
+//! A constant added to phi and taken from the path's speed changes nothing that is seen, so something must say which layer of the
+//! scene stands still. Two things do:
+//!
+//! - The prior says that phi is nothing in most rows: each value has a variance of its own that follows the mean square of
+//!   what was found of it (automatic relevance determination), but at least that of [`LEAST_PX`].
+//! - The rows that flow least hold the path: `sum_j h_j phi_j = 0`, with weights h_j that fall with the flow that was found and grow with the
+//!   tracks ([`Flow::holds`]). Without it nothing holds the path where all rows flow (a near scene, a camera that walks towards it).
+//!
+//! So the layer that turns alone explain, the far one, holds the path, and nearer layers flow past it; where all layers are near, the
+//! one with the most rows does. Motion of the camera never magnifies some rows and not others: a zoom that differs between rows is a
+//! sure sign of travel, and where one is found the turns' variances are raised as well.
 
-use super::normal::{FLOWS, G};
+use super::normal::FLOWS;
 use crate::geometry::Pose;
-use crate::kernel::normal::POINTS;
 
 /// Hat functions over the rows.
 pub const BINS: usize = 6;
-/// Products of a derivative's channels.
-const PRODUCTS: usize = 10;
 /// Standard deviation of what flows where nothing seems to, pixels / s: the turns' at the principal point, the others' at the picture's
 /// side.
 const LEAST_PX: f64 = 0.1;
 /// What is added to it at the beginning, where travel may be under way: to the zoom's, and to the turns' where the readout time is to
-/// be found, for which flow must not be mistaken. It fades with [`LEARN_S`].
-const FIRST_ZOOM_PX: f64 = 3.0;
-const FIRST_TURN_PX: f64 = 1.0;
+/// be found, for which flow must not be mistaken. Its variance fades with [`FIRST_S`].
+const FIRST_ZOOM_PX: f64 = 5.0;
+const FIRST_TURN_PX: f64 = 2.0;
+const FIRST_S: f64 = 0.2;
 /// Variance that is expected, of the mean square of what was found.
 const MORE: f64 = 1.7;
+/// Deviation of the turns that is expected at least, of the zoom's.
+const BY_ZOOM: f64 = 0.7;
 /// Seconds for which the flow keeps its direction.
-const KEEP_S: f64 = 0.85;
+const KEEP_S: f64 = 0.75;
 /// Seconds in which the expected size follows what is found.
-const LEARN_S: f64 = 0.2;
-/// The channel of a pose that zooms.
+const LEARN_S: f64 = 0.25;
+/// Flow up to which rows hold the path as those that do not flow, pixels / s.
+const HOLDING_PX: f64 = 8.0;
+/// Standard deviation of what the rows that hold the path flow together, pixels / s.
+const HELD_PX: f64 = 0.2;
+/// Channels of a pose: those that turn the camera, and the one that zooms.
+const TURNS: std::ops::Range<usize> = 0..3;
 const ZOOM: usize = 3;
 
 /// What is expected of the flow.
@@ -65,12 +76,16 @@ impl Flow {
         Self { pixel, first: std::array::from_fn(|c| first_px[c] * first_px[c] * pixel[c]), squares: [0.0; FLOWS] }
     }
 
+    /// Mean square of what was found of value `k`, (pixels / s)^2.
+    fn found(&self, k: usize) -> f64 {
+        self.squares[k] / self.pixel[k % 4]
+    }
+
     /// The variance that is expected of value `k` (of bin k / 4, channel k % 4).
     pub fn variance(&self, k: usize) -> f64 {
         let (zoom, channel) = (k - k % 4 + ZOOM, k % 4);
-        let in_pixels = |k: usize| self.squares[k] / self.pixel[k % 4];
         let turns = channel < 2;
-        let found = if turns { in_pixels(k).max(in_pixels(zoom)) } else { in_pixels(k) };
+        let found = if turns { self.found(k).max(BY_ZOOM * BY_ZOOM * self.found(zoom)) } else { self.found(k) };
         self.pixel[channel] * (MORE * found).max(LEAST_PX * LEAST_PX) + self.first[channel]
     }
 
@@ -80,13 +95,29 @@ impl Flow {
         (keep, (1.0 - keep * keep) * self.variance(k))
     }
 
+    /// How much each bin holds the path, 1 in all: by how many tracks are `present`, and the less the more it flows.
+    pub fn holds(&self, present: &[f64; BINS]) -> [f64; BINS] {
+        let holds: [f64; BINS] = std::array::from_fn(|bin| {
+            let flow: f64 = [0, 1, ZOOM].iter().map(|channel| self.found(4 * bin + channel)).sum();
+            present[bin] / (flow + HOLDING_PX * HOLDING_PX)
+        });
+        let sum = holds.iter().sum::<f64>().max(1e-12);
+        holds.map(|hold| hold / sum)
+    }
+
+    /// Of the channels that are held, information on what the bins that hold the path flow together, 1 / (units / s)^2.
+    pub fn held(&self) -> impl Iterator<Item = (usize, f64)> {
+        let pixel = self.pixel;
+        TURNS.map(move |channel| (channel, 1.0 / (HELD_PX * HELD_PX * pixel[channel])))
+    }
+
     /// Takes in what was found `seconds` after the last time.
     pub fn learn(&mut self, found: &[f64; FLOWS], seconds: f64) {
         let news = 1.0 - (-seconds / LEARN_S).exp();
         for (square, value) in self.squares.iter_mut().zip(found) {
             *square += news * (value * value - *square);
         }
-        self.first.iter_mut().for_each(|variance| *variance *= 1.0 - news);
+        self.first.iter_mut().for_each(|variance| *variance *= (-seconds / FIRST_S).exp());
     }
 }
 
@@ -106,46 +137,6 @@ impl Row {
         let bin = (place as usize).min(BINS - 2);
         let later = place - bin as f64;
         Self { bin, weights: [seconds * (1.0 - later), seconds * later] }
-    }
-}
-
-/// What measurements of the same control points say of the flow.
-#[derive(Clone, Debug, Default)]
-pub struct Sums {
-    /// Of each bin with each control point.
-    pub crossed: [[[f64; PRODUCTS]; POINTS]; BINS],
-    /// Of each bin with itself, and with the one before.
-    pub paired: [[[f64; PRODUCTS]; 2]; BINS],
-    /// Of each bin with what was seen, and with the globals.
-    pub single: [[f64; 4 * (1 + G)]; BINS],
-}
-
-impl Sums {
-    /// Adds a measurement: its information, its weights of the control points, the products of its derivative's channels, and their
-    /// products with what was seen and with the globals.
-    #[inline]
-    pub fn add<const W: usize>(
-        &mut self,
-        row: &Row,
-        information: f64,
-        weights: &[f64; POINTS],
-        products: &[f64; W],
-        single: &[f64; W],
-    ) {
-        let scaled: [f64; PRODUCTS] = std::array::from_fn(|i| information * products[i]);
-        let add = |sums: &mut [f64; PRODUCTS], weight: f64| {
-            sums.iter_mut().zip(&scaled).for_each(|(sum, product)| *sum += weight * product);
-        };
-        for (i, weight) in row.weights.into_iter().enumerate() {
-            let bin = row.bin + i;
-            for (sums, point) in self.crossed[bin].iter_mut().zip(weights) {
-                add(sums, weight * point);
-            }
-            add(&mut self.paired[bin][0], weight * weight);
-            let share = information * weight;
-            self.single[bin].iter_mut().zip(single).for_each(|(sum, value)| *sum += share * value);
-        }
-        add(&mut self.paired[row.bin + 1][1], row.weights[0] * row.weights[1]);
     }
 }
 
@@ -175,10 +166,29 @@ mod tests {
         let mut found = [0.0; FLOWS];
         found[4 + ZOOM] = 60.0 / half;
         (0..200).for_each(|_| flow.learn(&found, 1.0 / 30.0));
-        for (k, wanted) in [(0, LEAST_PX), (3, LEAST_PX), (4, MORE.sqrt() * 60.0), (6, LEAST_PX), (7, MORE.sqrt() * 60.0)] {
+        for (k, wanted) in
+            [(0, LEAST_PX), (3, LEAST_PX), (4, MORE.sqrt() * BY_ZOOM * 60.0), (6, LEAST_PX), (7, MORE.sqrt() * 60.0)]
+        {
             assert!((deviation(&flow, k) - wanted).abs() < 1e-3 * wanted.max(1.0), "{k}: {}", deviation(&flow, k));
         }
         let (keep, variance) = flow.drift(7, 100.0);
         assert!(keep < 1e-9 && (variance / flow.variance(7) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_rows_that_flow_least_and_are_seen_hold_the_path() {
+        let (focal, half) = (500.0, 320.0);
+        let mut flow = Flow::new(focal, half, false);
+        assert_eq!(flow.holds(&[2.0; BINS]), [1.0 / BINS as f64; BINS]);
+        assert_eq!(flow.holds(&[0.0; BINS]), [0.0; BINS]);
+        let mut found = [0.0; FLOWS];
+        found[4 * 5 + 1] = 80.0 / focal;
+        found[4 * 4 + ZOOM] = 80.0 / half;
+        (0..200).for_each(|_| flow.learn(&found, 1.0 / 30.0));
+        let holds = flow.holds(&[1.0, 0.0, 2.0, 1.0, 1.0, 1.0]);
+        assert!((holds.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert_eq!(holds[1], 0.0);
+        assert!((holds[2] / holds[0] - 2.0).abs() < 1e-9 && holds[3] == holds[0]);
+        assert!(holds[4] < 0.02 * holds[0] && holds[5] < 0.02 * holds[0]);
     }
 }

@@ -70,7 +70,7 @@ const MOST_OFF: f64 = 0.35;
 const ROUNDS: usize = 4;
 /// With more rounds than this the last ones' scale is the same; where they change less than this part of the weights, they may end.
 const LEAST_ROUNDS: usize = 2;
-const SETTLED: f64 = 0.003;
+const SETTLED: f64 = 0.02;
 /// Least scale of the robust weights, pixels.
 const LEAST_SCALE_PX: f64 = 0.5;
 /// A track of less weight is left out.
@@ -267,9 +267,10 @@ impl Continuous {
         let whole = subtract(filter.pose(self.now_s + middle), filter.pose(before_s + middle));
         let half_width = 0.5 * self.size[0] as f64;
         let scale = 2.0 * self.scale_px;
-        let compared = self.batch.said().map(|(i, Said { difference, flow, .. })| {
+        let compared = self.batch.said().map(|(i, Said { change, .. })| {
             let (track, sight) = (&tracks[i], &self.sights[i]);
-            let by_rows = sight.derivative.map(|row| dot(&row, &subtract(difference, whole)));
+            let flow = filter.flow_at(self.batch.flow_row(i));
+            let by_rows = sight.derivative.map(|row| dot(&row, &subtract(subtract(change, flow), whole)));
             // whoever agrees with the model or with one without rows has a word: the model's own friends would say yes to it
             let moved: [f64; 2] = std::array::from_fn(|i| sight.moved[i] - dot(&sight.derivative[i], &flow));
             let rest: [f64; 2] = std::array::from_fn(|i| moved[i] - dot(&sight.derivative[i], &whole));
@@ -363,6 +364,18 @@ impl Continuous {
         }
     }
 
+    /// The rows that flow least, of those where the picture agrees with the first idea of the turn, hold the path.
+    fn hold_flow(&mut self) {
+        let mut present = [0.0; flow::BINS];
+        for (sight, weight) in self.sights.iter().zip(&self.weights) {
+            let Row { bin, weights } = Row::new(sight.row + 0.5, 1.0);
+            for (i, share) in weights.into_iter().enumerate() {
+                present[bin + i] += share * weight * sight.say.min(2.0);
+            }
+        }
+        self.filter.hold_flow(&present);
+    }
+
     /// What is believed of the camera.
     pub fn calibration(&self) -> Calibration {
         self.calibration
@@ -371,8 +384,7 @@ impl Continuous {
     /// How what the path says of a measurement depends on readout time (pixels / s) and on the logarithm of the focal length
     /// (pixels), with the path as it is believed at the moment.
     fn by_global(&self, sight: &Sight, said: &Said, rows: [f64; 2]) -> [[f64; 2]; 2] {
-        let Said { difference, flow, speeds: [sooner, later] } = *said;
-        let difference = add(difference, flow);
+        let Said { change, speeds: [sooner, later] } = *said;
         let from_bottom = if self.calibration.readout_s < 0.0 { 1.0 } else { 0.0 };
         let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
         let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
@@ -381,10 +393,7 @@ impl Continuous {
         let f = self.camera.focal;
         // f dB / df: the terms with 1 / f change their sign, roll and zoom do not depend on f
         let focal = if self.unknown[1] {
-            [
-                (-2.0 * f - dx[0]) * difference[0] - dx[1] * difference[1],
-                -dy[0] * difference[0] + (2.0 * f - dy[1]) * difference[1],
-            ]
+            [(-2.0 * f - dx[0]) * change[0] - dx[1] * change[1], -dy[0] * change[0] + (2.0 * f - dy[1]) * change[1]]
         } else {
             [0.0; 2]
         };
@@ -481,6 +490,7 @@ impl Continuous {
         for (information, sight) in self.information.iter_mut().zip(&self.sights) {
             *information *= sight.say.min(2.0);
         }
+        self.hold_flow();
         let (mut squares, mut common, mut certain) = (0.0, 0.0, 0.0);
         for round in 0..ROUNDS {
             self.filter.start_trial();
@@ -498,7 +508,7 @@ impl Continuous {
             let (mut sum, mut changed) = (0.0, 0.0);
             (squares, common, certain) = (0.0, 0.0, 0.0);
             for (i, said) in self.batch.said() {
-                let misfit = self.sights[i].misfit_of(&add(said.difference, said.flow));
+                let misfit = self.sights[i].misfit_of(&said.change);
                 let weight = geman_mcclure(misfit, scale * scale);
                 squares += weight * misfit;
                 sum += weight;
@@ -543,10 +553,6 @@ fn geman_mcclure(square: f64, scale_square: f64) -> f64 {
 
 fn dot(row: &Pose, pose: &Pose) -> f64 {
     row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3]
-}
-
-fn add(a: Pose, b: Pose) -> Pose {
-    std::array::from_fn(|c| a[c] + b[c])
 }
 
 fn subtract(a: Pose, b: Pose) -> Pose {

@@ -7,6 +7,8 @@
 //!
 //! A is symmetric; its lower triangle is stored. Nothing is allocated after `new`.
 
+use crate::kernel::{Level, dense};
+
 /// Unknowns at a time, at most.
 pub const N: usize = FLOWS + 160;
 /// How many of them, the first ones, are the flow's (`super::flow`) and never eliminated; the others are the path's.
@@ -27,6 +29,7 @@ pub struct Normal {
     pub corner: [[f64; G]; G],
     /// s.
     pub corner_right: [f64; G],
+    level: Level,
 }
 
 /// A solution and what of the factorization outlives it.
@@ -34,6 +37,7 @@ pub struct Normal {
 pub struct Solution {
     /// Cholesky factor of A, lower, rows N apart.
     factor: Box<[f64]>,
+    level: Level,
     /// x, with the globals at their origin.
     pub path: Box<[f64; N]>,
     /// What the equations say of the globals once the path is eliminated.
@@ -67,13 +71,14 @@ impl Normal {
             cross: [[0.0; N]; G],
             corner: [[0.0; G]; G],
             corner_right: [0.0; G],
+            level: Level::detected(),
         }
     }
 
     /// Takes over what `other` says of its first `n` unknowns and of the globals.
     pub fn copy_from(&mut self, other: &Self, n: usize) {
         for i in 0..n {
-            self.matrix[i * N..i * N + n].copy_from_slice(&other.matrix[i * N..i * N + n]);
+            self.matrix[i * N..=i * N + i].copy_from_slice(&other.matrix[i * N..=i * N + i]);
         }
         self.right[..n].copy_from_slice(&other.right[..n]);
         for (to, from) in self.cross.iter_mut().zip(&other.cross) {
@@ -98,8 +103,7 @@ impl Normal {
             let pivot = self.matrix[k * N + k];
             if pivot > 0.0 {
                 let column = self.column(k, n);
-                let rest = |i: &usize| *i < from || *i > k;
-                self.subtract(&column, k, pivot, (0..n).filter(rest));
+                self.subtract(&column, k, pivot, [[0, from], [k + 1, n]]);
             }
         }
         let m = &mut self.matrix;
@@ -116,7 +120,7 @@ impl Normal {
         // a new unknown x' with (x' - keep x)^2 / variance, and the old one eliminated
         let pivot = self.matrix[k * N + k] + keep * keep / variance;
         let mut column = self.column(k, n);
-        self.subtract(&column, k, pivot, (0..n).filter(|&i| i != k));
+        self.subtract(&column, k, pivot, [[0, k], [k + 1, n]]);
         let share = keep / variance / pivot;
         column.iter_mut().for_each(|value| *value *= share);
         for (i, value) in column[..n].iter().enumerate().filter(|(i, _)| *i != k) {
@@ -136,22 +140,21 @@ impl Normal {
         column
     }
 
-    /// Takes from `rest` and the globals what eliminating unknown `k` takes.
-    fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: impl Iterator<Item = usize> + Clone) {
-        for i in rest.clone() {
-            let share = column[i] / pivot;
-            if share == 0.0 {
-                continue;
+    /// Takes from `rest` (two ranges of unknowns) and the globals what eliminating unknown `k` takes.
+    fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: [[usize; 2]; 2]) {
+        // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
+        for [from, to] in rest {
+            dense::subtract(self.level, &mut self.matrix, column, pivot, [from, to], N);
+            for i in from..to {
+                self.right[i] -= column[i] / pivot * self.right[k];
             }
-            // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
-            for (entry, other) in self.matrix[i * N..i * N + i + 1].iter_mut().zip(column) {
-                *entry -= share * other;
-            }
-            self.right[i] -= share * self.right[k];
         }
         for g in 0..G {
             let share = self.cross[g][k] / pivot;
-            for i in rest.clone() {
+            if share == 0.0 {
+                continue;
+            }
+            for i in rest.into_iter().flat_map(|[from, to]| from..to) {
                 self.cross[g][i] -= share * column[i];
             }
             self.corner_right[g] -= share * self.right[k];
@@ -177,12 +180,13 @@ impl Normal {
 impl Solution {
     /// All zero.
     pub fn new() -> Self {
-        Self { factor: vec![0.0; N * N].into_boxed_slice(), path: Box::new([0.0; N]), marginal: Marginal::default() }
+        let factor = vec![0.0; N * N].into_boxed_slice();
+        Self { factor, level: Level::detected(), path: Box::new([0.0; N]), marginal: Marginal::default() }
     }
 
     /// Solves the first `n` unknowns. False where the equations have no solution; the solution is then what it was.
     pub fn solve(&mut self, normal: &Normal, n: usize) -> bool {
-        if !cholesky(&normal.matrix, &mut self.factor, n) {
+        if !dense::factor(self.level, &normal.matrix, &mut self.factor, n, N) {
             return false;
         }
         let mut x = normal.right;
@@ -191,6 +195,10 @@ impl Solution {
         let mut w = normal.cross;
         let mut marginal = Marginal { matrix: normal.corner, right: normal.corner_right };
         for g in 0..G {
+            // of what is known already nothing is asked
+            if w[g][..n].iter().all(|cross| *cross == 0.0) {
+                continue;
+            }
             self.forward(&mut w[g][..n]);
             marginal.right[g] -= dot(&w[g][..n], &x[..n]);
         }
@@ -215,54 +223,17 @@ impl Solution {
     }
 
     fn forward(&self, x: &mut [f64]) {
-        for i in 0..x.len() {
-            let row = &self.factor[i * N..i * N + i + 1];
-            x[i] = (x[i] - dot(&row[..i], &x[..i])) / row[i];
-        }
+        dense::forward(self.level, &self.factor, x, N);
     }
 
     fn backward(&self, x: &mut [f64]) {
-        for i in (0..x.len()).rev() {
-            let row = &self.factor[i * N..i * N + i + 1];
-            x[i] /= row[i];
-            let value = x[i];
-            for (x, factor) in x[..i].iter_mut().zip(row) {
-                *x -= factor * value;
-            }
-        }
+        dense::backward(self.level, &self.factor, x, N);
     }
 }
 
-/// Lower Cholesky factor of the leading `n` x `n` block; false where it is not positive definite.
-fn cholesky(matrix: &[f64], factor: &mut [f64], n: usize) -> bool {
-    for i in 0..n {
-        let (done, rest) = factor.split_at_mut(i * N);
-        let row = &mut rest[..n];
-        for j in 0..i {
-            let other = &done[j * N..j * N + j + 1];
-            row[j] = (matrix[i * N + j] - dot(&row[..j], &other[..j])) / other[j];
-        }
-        let pivot = matrix[i * N + i] - dot(&row[..i], &row[..i]);
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return false;
-        }
-        row[i] = pivot.sqrt();
-    }
-    true
-}
-
-/// Sum of products, in four lanes so that the compiler may use wide registers.
-#[inline]
+/// Sum of products.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; 4];
-    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let tail: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a4.zip(b4) {
-        for i in 0..4 {
-            lanes[i] += a[i] * b[i];
-        }
-    }
-    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]) + tail
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]
