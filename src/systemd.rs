@@ -1,6 +1,7 @@
 //! Notifications to systemd. Without systemd (no NOTIFY_SOCKET) they go nowhere, and nothing fails.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 use sd_notify::NotifyState;
@@ -78,8 +79,11 @@ impl Systemd {
     }
 
     fn notify(&self, messages: &[NotifyState<'_>]) {
+        // The environment names the one socket of the process, so one warning is for all.
+        static WARNED: AtomicBool = AtomicBool::new(false);
         if self.connected
             && let Err(error) = sd_notify::notify(messages)
+            && !WARNED.swap(true, Relaxed)
         {
             tracing::warn!(%error, "cannot notify the service manager");
         }

@@ -178,7 +178,7 @@ impl CalibrationStore {
             state.entries.push(Held { used: true, ..held });
         }
         if start != camera {
-            tracing::info!(readout_ms = ?start.readout_ms, hfov_deg = ?start.hfov_deg, "loaded saved calibration");
+            tracing::info!(readout_ms = %start.readout_ms, hfov_deg = %start.hfov_deg, "loaded saved calibration");
         }
         state.current = Some(mode);
         start

@@ -286,6 +286,9 @@ daemon.process.send_signal(signal.SIGSTOP)
 reader.frames(SLEEP)
 daemon.process.send_signal(signal.SIGCONT)
 over, came, oldest = now(), None, 0.0
+# The picture that was being worked on then may still come.
+first = reader.frame(PATIENCE)
+came = first.came if first and first.live and first.came - first.taken < 0.5 else None
 while came is None and (frame := reader.frame(PATIENCE)):
     oldest = max(oldest, frame.came - frame.taken)
     came = frame.came if frame.live else None

@@ -4,6 +4,7 @@ how long (10 seconds).
 Sixteen connections write `set a=` as fast as it is taken. The picture goes on as before, other clients are answered, and the log stays
 short.
 """
+import os
 import select
 import socket
 import subprocess
@@ -12,7 +13,8 @@ import time
 
 from rig import Camera, Daemon, Reader, Report, camera_appears, loopback, now, percentile
 
-SOCKET = "/tmp/gimbald-flood.sock"
+# In the folder that the unit gives the daemon (see confined.py).
+SOCKET = "/run/gimbald/flood.sock"
 
 
 def flood(path):
@@ -43,6 +45,8 @@ if sys.argv[1] == "--flood":
 SECONDS = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
 report, out = Report(), loopback()
 Camera.move()
+if not os.environ.get("GIMBALD_UNIT"):
+    os.makedirs(os.path.dirname(SOCKET), exist_ok=True)
 daemon = Daemon(sys.argv[1], out, f"control.socket={SOCKET}", "camera.width=640", "camera.height=360").start()
 report.check("the loopback becomes a camera", camera_appears(out))
 

@@ -32,7 +32,7 @@ def alone():
     environment = {**session.environment(), "XDG_RUNTIME_DIR": session.place}
     doctor = subprocess.run([PROGRAM, "doctor"], env=environment, capture_output=True, text=True).stdout
     report.say(doctor)
-    report.check("doctor says that the picture goes to PipeWire", "goes to PipeWire alone" in doctor and "the camera gimbald is there" in doctor)
+    report.check("doctor says that the picture goes to PipeWire", "PipeWire is the only output" in doctor and "the camera gimbald is available" in doctor)
     report.check("      and has no fault for the loopback", not re.search("FAULT +(module|output|pipewire)", doctor))
     own = []
     for _ in range(3):

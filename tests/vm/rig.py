@@ -301,7 +301,7 @@ class Manager:
     """The service manager, as far as the daemon can tell: somebody who listens."""
 
     def __init__(self):
-        self.path = "/tmp/gimbald-notify"
+        self.path = "/run/gimbald-notify"  # not in /tmp: a service has one of its own
         if os.path.exists(self.path):
             os.unlink(self.path)
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

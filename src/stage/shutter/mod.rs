@@ -74,6 +74,17 @@ impl Known {
     }
 }
 
+/// As logs and reports have it.
+impl std::fmt::Display for Known {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Nothing => f.write_str("unknown"),
+            Self::About(value, deviation) => write!(f, "{value:.1} ± {deviation:.1}"),
+            Self::Exactly(value) => write!(f, "{value:.1}"),
+        }
+    }
+}
+
 /// What a pair of frames, the reference and the newest, showed.
 #[derive(Debug)]
 pub struct Pair<'a> {

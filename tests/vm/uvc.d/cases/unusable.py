@@ -126,7 +126,8 @@ def failed_transfer(bench):
         new[key] = after.get(key, 0) - before[key]
     bench.note(f"new since the fault: {new}")
     bench.check(f"1 failed transfer, not {new.get('failed_transfers')}", new.get("failed_transfers") == 1)
-    bench.check("nothing damaged, no restart", new.get("damaged") == 0 and new.get("restarts") == 0)
+    # What is left of the frame that the transfer was part of may come as a frame of its own.
+    bench.check("at most one damaged, no restart", new.get("damaged", 99) <= 1 and new.get("restarts") == 0)
     bench.check(f"{new.get('camera_missing')} missing, 30 at most", new.get("camera_missing", 99) <= 30)
     bench.check("latency tells that the clock went on", (status.get("latency_ms") or {}).get("max", 1e9) < 5000)
     said(bench, "a transfer from the camera failed", 1)
@@ -143,7 +144,7 @@ def one_frame_for_each_start(bench):
     bench.check(f"2 restarts: {drops}", drops.get("restarts") == 2)
     said(bench, "one frame came when the stream was started", 1)
     bench.check("its frames are not called missing", drops.get("camera_missing") == 0)
-    bench.check("the status says that none comes", "no frame comes" in bench.status().get("what", ""))
+    bench.check("the status says that none comes", "no frames received" in bench.status().get("what", ""))
 
 
 def with_the_quirk(bench):
