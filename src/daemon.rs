@@ -11,6 +11,7 @@ mod devices;
 mod heartbeat;
 mod lifecycle;
 mod monitored_source;
+mod observers;
 mod output;
 mod recovery;
 mod supervisor;

@@ -8,7 +8,7 @@
 //!
 //! ```text
 //!  8  command                                       the commands of the program: arguments, texts, exit codes
-//!  7  daemon | companion                            the service: devices, recovery, watchdog | its part in a user's session
+//!  7  daemon | companion | view                     the service: devices, recovery, watchdog | its part in a user's session | the page
 //!  6  control                                       status, metrics, control socket
 //!  5  report | log                                  traces and the HTML report | the log
 //!  4  config | share | systemd                      settings | pictures for other processes | the service manager
@@ -48,7 +48,7 @@
 //! | `signals` | nothing | SIGTERM, SIGINT, SIGHUP |
 //! | `watchdog` | nothing; reads the heartbeat | a quarter of systemd's watchdog interval |
 //! | `control` | the control socket and its connections | requests |
-//! | `pictures` | the socket for PipeWire companions | companions |
+//! | `pictures` | the socket for PipeWire companions and pages | companions, pages |
 //! | `cameras` | the list of connected cameras | changes in /dev |
 //! | `viewers` | the viewer counts | v4l2loopback's events, companions |
 //!
@@ -63,7 +63,7 @@
 //! - A damaged frame is never an error and never silent: it is counted with its reason, and a usable picture is shown instead.
 //! - The correction never jumps: where the motion is unknown it fades.
 //! - `unsafe` exists only in `device::v4l2`, `kernel`, `pipewire` and `share::memory`.
-//! - The service opens no network connection.
+//! - The service opens no network connection. Only `gimbald view` listens, on the loopback interface.
 //!
 //! # Glossary
 //! | word | meaning |
@@ -79,6 +79,7 @@
 //! | passed through | shown without correction |
 //! | viewer | a program that streams from the virtual camera |
 //! | companion | `gimbald pipewire`: offers the pictures in a user's session |
+//! | page | `gimbald view`: shows input, output and settings in a browser |
 //! | placeholder | the picture that viewers see while there is none from the camera |
 //! | calibration | readout time and field of view of a camera |
 
@@ -100,3 +101,4 @@ pub mod rt;
 pub mod share;
 pub mod stage;
 pub mod systemd;
+pub mod view;

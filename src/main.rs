@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run};
+use gimbald::command::{bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run, view};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -25,6 +25,7 @@ fn main() -> ExitCode {
             Command::Off(args) => client::switch(args, false),
             Command::Set(args) => client::set(args),
             Command::Reload(args) => client::reload(args),
+            Command::View(args) => view::run(args),
             Command::Replay(args) => replay::run(args),
             Command::Record(args) => record::run(args),
             Command::Calibrate(args) => calibrate::run(args),

@@ -17,10 +17,14 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("companion", &["pipewire", "share", "device", "kernel", "image", "rt"]),
     ("pipeline", &["stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     ("config", &["pipeline", "stage", "device", "image"]),
-    ("report", &["config", "pipeline", "stage", "device", "frame", "geometry", "image", "rt"]),
+    ("report", &["config", "pipeline", "stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     ("systemd", &[]),
     ("log", &["config"]),
     ("control", &["systemd", "log", "config", "pipeline", "frame", "geometry", "rt"]),
+    (
+        "view",
+        &["share", "control", "config", "report", "pipeline", "stage", "device", "kernel", "frame", "geometry", "image", "rt"],
+    ),
     (
         "daemon",
         &[
@@ -48,6 +52,7 @@ const FLOORS: &[(&str, &[&str])] = &[
             "share",
             "pipewire",
             "companion",
+            "view",
         ],
     ),
 ];

@@ -10,12 +10,16 @@ use gimbald::device::digest::DigestSink;
 use gimbald::device::synthetic::{self, Motion};
 use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};
 use gimbald::frame::{Frame, Stamp};
-use gimbald::image::{PictureMut, PictureRef};
+use gimbald::image::{Picture, PictureMut, PictureRef, PixelFormat, Sampling};
 use gimbald::pipeline::{Live, Observer, Pace, Params, run_inline, run_live, run_threaded};
+use gimbald::rt::notifier::Notifier;
 use gimbald::rt::stop::Stop;
+use gimbald::share::{Client, Companions, Heard, Inspector, Pair, Server};
 use gimbald::stage::shutter::{self, Model, Parameters};
+use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -205,55 +209,111 @@ fn no_frame_takes_memory_once_it_is_warm() {
     }
 }
 
-/// The path of a picture to a companion: drawn into lent memory, told over the socket.
+/// A server for companions in a thread, in a folder of its own.
+struct Pictures {
+    folder: std::path::PathBuf,
+    path: std::path::PathBuf,
+    companions: Companions,
+    done: Notifier,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+impl Pictures {
+    fn serve(name: &str) -> Self {
+        let folder = std::env::temp_dir().join(format!("gimbald-no-allocation-{}-{name}", std::process::id()));
+        let server = Server::open(&folder).unwrap();
+        let (companions, path, done) = (server.companions().clone(), server.path().to_path_buf(), Notifier::new().unwrap());
+        companions.camera_is(std::path::Path::new(CAMERA));
+        let notifier = done.clone();
+        let thread = Some(thread::spawn(move || server.serve(&notifier, &|| None)));
+        Self { folder, path, companions, done, thread }
+    }
+}
+
+impl Drop for Pictures {
+    fn drop(&mut self) {
+        self.done.notify();
+        self.thread.take().unwrap().join().unwrap();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A device that every user may open stands for the camera.
+const CAMERA: &str = "/dev/null";
+const SIZE: (u32, u32) = (64, 48);
+
+fn camera() -> std::fs::File {
+    std::fs::OpenOptions::new().read(true).write(true).open(CAMERA).unwrap()
+}
+
+/// Has `show` show frames until `client` got 200 of them; the most memory that one of them took, but for the first 20, which meet a
+/// companion that has just connected.
+fn most_taken(client: &Client, mut show: impl FnMut()) -> u64 {
+    let (mut received, mut most, begun) = (0, 0, std::time::Instant::now());
+    while received < 200 {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{received} pictures came");
+        let before = taken();
+        show();
+        let took = taken() - before;
+        while let Ok(Some(said)) = client.hear() {
+            if let Heard::Frame { id, .. } = said {
+                received += 1;
+                client.free(id).unwrap();
+            }
+        }
+        if received > 20 {
+            most = most.max(took);
+        }
+        thread::sleep(Duration::from_micros(500));
+    }
+    most
+}
+
+/// The path of a picture to a companion: drawn into lent memory, announced over the socket.
 #[test]
 fn a_picture_for_a_companion_takes_no_memory() {
-    use gimbald::image::{Picture, PixelFormat, Sampling};
-    use gimbald::rt::notifier::Notifier;
-    use gimbald::share::{Client, Heard, Server};
-    use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
-    use std::os::fd::AsFd;
-
-    let folder = std::env::temp_dir().join(format!("gimbald-no-allocation-{}", std::process::id()));
-    let server = Server::open(&folder).unwrap();
-    let companions = server.companions().clone();
-    let mut outlet = companions.outlet(&StreamFormat::tight(64, 48, PixelFormat::I420, (1, 30)));
-    companions.camera_is(std::path::Path::new("/dev/null"));
-    let (done, notifier) = (Notifier::new().unwrap(), Notifier::new().unwrap());
-    let (ringing, path) = (done.clone(), server.path().to_path_buf());
-    companions.tell(&notifier);
-    let serving = thread::spawn(move || server.serve(&ringing, &|| None));
-    let client = Client::connect(&path).unwrap();
-    let camera = std::fs::OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
-    client.watch(true, (64, 48), Some(camera.as_fd())).unwrap();
+    let pictures = Pictures::serve("companion");
+    let mut outlet = pictures.companions.outlet(&StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::I420, (1, 30)));
+    let client = Client::connect(&pictures.path).unwrap();
+    client.watch(true, SIZE, Some(camera().as_fd())).unwrap();
     for id in 0..4 {
         let fd = memfd_create(c"test", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).unwrap();
-        ftruncate(&fd, 2 * 64 * 48).unwrap();
+        ftruncate(&fd, 2 * u64::from(SIZE.0 * SIZE.1)).unwrap();
         fcntl_add_seals(&fd, SealFlags::SHRINK).unwrap();
         client.lend(id, fd.as_fd()).unwrap();
         client.free(id).unwrap();
     }
     let picture = Picture::new(Sampling::S420, 64, 48);
-    let (mut sent, mut most, begun) = (0, 0, std::time::Instant::now());
-    while sent < 200 {
-        assert!(begun.elapsed() < Duration::from_secs(30), "{sent} pictures came");
+    assert_eq!(most_taken(&client, || outlet.send(picture.as_ref(), &Stamp::default())), 0, "memory for a picture");
+}
+
+/// The path of a frame to a page of `gimbald view`, while none is open, while one is, and after it was closed.
+#[test]
+fn a_frame_for_a_page_takes_no_memory() {
+    let pictures = Pictures::serve("page");
+    let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::I420, (1, 30));
+    let _outlet = pictures.companions.outlet(&format);
+    let mut inspector = pictures.companions.inspector(&format);
+    let output = Picture::new(Sampling::S420, 64, 48);
+    let frame = Frame { picture: Picture::new(Sampling::S422, 64, 48), ..Frame::default() };
+    let closed = |inspector: &mut Inspector| {
         let before = taken();
-        outlet.send(picture.as_ref(), &Stamp::default());
-        let took = taken() - before;
-        while let Ok(Some(said)) = client.hear() {
-            if let Heard::Frame { id, .. } = said {
-                sent += 1;
-                client.free(id).unwrap();
-            }
-        }
-        // The first ones meet a companion that just came.
-        if sent > 20 {
-            most = most.max(took);
-        }
-        thread::sleep(Duration::from_micros(500));
+        (0..100).for_each(|_| inspector.show(&frame, output.as_ref()));
+        taken() - before
+    };
+    assert_eq!(closed(&mut inspector), 0, "memory while no page is open");
+    let client = Client::connect(&pictures.path).unwrap();
+    client.watch_both(SIZE, Some(camera().as_fd())).unwrap();
+    let (pair, memory) = Pair::new(SIZE.0, SIZE.1).unwrap();
+    client.lend(1, memory.as_fd()).unwrap();
+    client.free(1).unwrap();
+    assert_eq!(most_taken(&client, || inspector.show(&frame, output.as_ref())), 0, "memory while a page is open");
+    assert!(pair.frames().last().unwrap().number >= 199, "200 frames came");
+    drop(client);
+    let begun = std::time::Instant::now();
+    while pictures.companions.connected() > 0 {
+        assert!(begun.elapsed() < Duration::from_secs(30), "the page is still connected");
+        thread::sleep(Duration::from_millis(1));
     }
-    assert_eq!(most, 0, "a picture took memory {most} times");
-    done.notify();
-    serving.join().unwrap();
-    let _ = std::fs::remove_dir_all(&folder);
+    assert_eq!(closed(&mut inspector), 0, "memory after the page was closed");
 }

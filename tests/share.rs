@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use gimbald::device::StreamFormat;
-use gimbald::frame::Stamp;
+use gimbald::frame::{Frame, Stamp};
 use gimbald::image::{Picture, PixelFormat, Sampling};
 use gimbald::rt::notifier::Notifier;
-use gimbald::share::{Client, Companions, Format, Heard, Memory, Outlet, Refusal, Server};
+use gimbald::share::{Client, Companions, Format, Heard, Memory, Outlet, Pair, Refusal, Server};
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, ftruncate, memfd_create};
 use rustix::net::{
     AddressFamily, SendAncillaryBuffer, SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect,
@@ -257,6 +257,74 @@ fn readers_of_another_size_are_counted_and_get_nothing() {
     // The daemon makes its pictures as they hold them.
     let mut smaller = rig.companions.outlet(&StreamFormat::tight(32, 24, PixelFormat::I420, (1, 30)));
     until("it gets pictures", || smaller.is_wanted());
+}
+
+/// A page of `gimbald view` and the memory that it lends.
+fn page(rig: &Rig, proof: Option<BorrowedFd<'_>>) -> (Client, Pair) {
+    let client = rig.client();
+    client.watch_both(SIZE, proof).unwrap();
+    let (pair, memory) = Pair::new(SIZE.0, SIZE.1).unwrap();
+    client.lend(1, memory.as_fd()).unwrap();
+    client.free(1).unwrap();
+    (client, pair)
+}
+
+#[test]
+fn a_page_gets_output_and_input_and_does_not_hold_the_size() {
+    let rig = Rig::new("page", None);
+    let mut outlet = rig.outlet();
+    let mut inspector = rig.companions.inspector(&format());
+    let (client, pair) = page(&rig, Some(camera().as_fd()));
+    until("it watches", || rig.companions.watching() == 1);
+    assert_eq!((rig.companions.pages(), rig.companions.held_size(), outlet.is_wanted()), (1, None, false));
+    let frame = Frame { picture: picture(40), ..Frame::default() };
+    until("a pair comes", || {
+        inspector.show(&frame, picture(200).as_ref());
+        matches!(client.hear(), Ok(Some(Heard::Frame { id: 1, .. })))
+    });
+    assert_eq!((pair.output()[0], pair.input()[0]), (200, 40));
+    let known = pair.frames();
+    // Nothing is drawn until the memory is free again, and no frame is missing then.
+    let darker = picture(10);
+    (0..5).for_each(|_| inspector.show(&frame, darker.as_ref()));
+    assert_eq!((pair.output()[0], client.hear().unwrap()), (200, None));
+    client.free(1).unwrap();
+    until("the next pair comes", || {
+        inspector.show(&frame, darker.as_ref());
+        matches!(client.hear(), Ok(Some(Heard::Frame { id: 1, .. })))
+    });
+    let next = pair.frames();
+    assert_eq!(pair.output()[0], 10);
+    assert!(next.last().unwrap().number >= known.last().unwrap().number + 6);
+    assert!(next.windows(2).all(|two| two[1].number == two[0].number + 1));
+    // Its number of frames goes on while a program watches as well, whose size counts.
+    let (program, _memory) = lending(&rig, 1);
+    until("both watch", || rig.companions.watching() == 2);
+    assert_eq!((rig.companions.pages(), rig.companions.held_size()), (1, Some(SIZE)));
+    drop((client, program));
+    until("both are gone", || rig.companions.watching() == 0 && rig.companions.pages() == 0);
+}
+
+#[test]
+fn a_page_of_a_user_who_may_not_open_the_camera_gets_nothing() {
+    let rig = Rig::new("page-proof", None);
+    let _outlet = rig.outlet();
+    let mut inspector = rig.companions.inspector(&format());
+    let read_only = File::open(CAMERA).unwrap();
+    let frame = Frame { picture: picture(40), ..Frame::default() };
+    for proof in [None, Some(read_only.as_fd())] {
+        let (client, pair) = page(&rig, proof);
+        assert_eq!(answer(&client).unwrap(), Heard::Refused(Refusal::Proof));
+        std::thread::sleep(Duration::from_millis(20));
+        inspector.show(&frame, picture(200).as_ref());
+        assert_eq!((client.hear().unwrap(), rig.companions.pages()), (None, 0));
+        assert!(pair.output().iter().chain(pair.input()).all(|byte| *byte == 0));
+    }
+    // Memory of one picture is too small for a pair.
+    let client = rig.client();
+    client.watch_both(SIZE, Some(camera().as_fd())).unwrap();
+    client.lend(1, memfd(BYTES, SealFlags::SHRINK).as_fd()).unwrap();
+    until("it is disconnected", || client.hear().is_err());
 }
 
 /// Sends bytes and descriptors as no honest companion does.

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run};
+use super::{Exit, bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run, view};
 
 /// Software gimbal for webcams: removes camera shake and rolling-shutter distortion, live or from recordings
 #[derive(Debug, Parser)]
@@ -30,6 +30,8 @@ pub enum Command {
     Set(client::SetArgs),
     /// Reload the service's configuration file
     Reload(client::Args),
+    /// Open a page in the browser that shows the live picture, or a recording, and lets you adjust settings
+    View(view::Args),
     /// Diagnose problems and suggest fixes
     Doctor(doctor::Args),
     /// Stabilize a recording or a y4m file

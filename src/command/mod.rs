@@ -20,6 +20,7 @@ pub mod replay;
 pub mod run;
 mod settings;
 mod signals;
+pub mod view;
 mod watch;
 
 pub use arguments::{Arguments, Command};

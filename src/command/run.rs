@@ -30,7 +30,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let wake = Notifier::new().map_err(|error| Failure::new(Exit::Io, format!("cannot make an event descriptor: {error}")))?;
     let again = args.settings.clone();
     let reread = Box::new(move || again.read_again().map_err(|failure| failure.message));
-    let state = Arc::new(DaemonState::new(settings, Systemd::from_env(), reread));
+    let state = DaemonState::new(settings, Systemd::from_env(), reread);
+    let file = args.settings.config.as_deref().and_then(|path| std::path::absolute(path).ok());
+    let state = Arc::new(state.with_configuration(file.as_deref()));
     state.warn_of_retired(&state.settings());
     let stop = Stop::default();
     let mut signals = Signals::catch()?;

@@ -81,6 +81,11 @@ impl Connection {
         Ok(Self { path: path.into(), stream: connected(path)? })
     }
 
+    /// The socket's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Asks one thing. Where the daemon is too busy, or has hung up since the last request, it is asked again a few times; what is
     /// asked twice has the same effect.
     ///

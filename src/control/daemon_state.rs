@@ -1,5 +1,6 @@
 //! Where a daemon's settings lie while it runs, and who changes them.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -24,6 +25,8 @@ pub struct DaemonState {
     pub metrics: Metrics,
     configured: Mutex<Configured>,
     reread: Reread,
+    /// The configuration file, for the status.
+    configuration: Option<String>,
     pub(super) reloads: Reloads,
     log_limiter: Mutex<LogLimiter>,
     /// What was wrong with the configuration when it was read last.
@@ -62,12 +65,19 @@ impl DaemonState {
             metrics: Metrics::default(),
             configured: Mutex::new(Configured { settings, restart: Vec::new() }),
             reread,
+            configuration: None,
             reloads: Reloads::default(),
             log_limiter: Mutex::default(),
             fault: Mutex::default(),
             systemd,
             ready: AtomicBool::new(false),
         }
+    }
+
+    /// Names the configuration file in the status.
+    #[must_use]
+    pub fn with_configuration(self, path: Option<&Path>) -> Self {
+        Self { configuration: path.map(|path| path.display().to_string()), ..self }
     }
 
     /// The settings that count now.
@@ -168,6 +178,7 @@ impl DaemonState {
         });
         let configured = self.configured();
         status.enabled = configured.settings.pipeline.enabled;
+        status.configuration.clone_from(&self.configuration);
         status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&configured.settings))).collect();
         status.restart.clone_from(&configured.restart);
         status

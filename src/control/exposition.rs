@@ -90,14 +90,19 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.gauge("uptime_seconds", "Seconds since the daemon started.", status.uptime_s);
     text.gauge("enabled", "Whether stabilization is enabled.", f64::from(u8::from(status.enabled)));
     if let Some(watched) = status.watched {
-        text.gauge("watched", "Whether the loopback or a PipeWire camera has viewers.", f64::from(u8::from(watched)));
+        text.gauge(
+            "watched",
+            "Whether the loopback, a PipeWire camera or a page of gimbald view has viewers.",
+            f64::from(u8::from(watched)),
+        );
     }
     if let Some(watchers) = status.watchers {
         text.gauge("watchers", "Viewers of the loopback, as reported by v4l2loopback.", f64::from(watchers));
     }
-    if let Some(PipewireInfo { companions, watched, sent, dropped }) = status.pipewire {
+    if let Some(PipewireInfo { companions, watched, pages, sent, dropped }) = status.pipewire {
         text.gauge("pipewire_companions", "Connected PipeWire companions.", f64::from(companions));
         text.gauge("pipewire_watched", "PipeWire companions whose camera has viewers.", f64::from(watched));
+        text.gauge("pages", "Open pages of gimbald view, which count as viewers.", f64::from(pages));
         text.count("pipewire_sent_frames_total", "Frames sent to PipeWire companions.", sent);
         text.count(
             "pipewire_dropped_frames_total",
@@ -147,7 +152,7 @@ mod tests {
         let mut status = Status::default();
         metrics.fill(&mut status);
         status.unusable_frames.insert("damaged".into(), 7);
-        status.pipewire = Some(PipewireInfo { companions: 2, watched: 1, sent: 30, dropped: 4 });
+        status.pipewire = Some(PipewireInfo { companions: 2, watched: 1, pages: 3, sent: 30, dropped: 4 });
         let text = text(&status, &metrics);
         let mut family = "";
         for line in text.lines() {
@@ -163,6 +168,7 @@ mod tests {
             "gimbald_latency_seconds_bucket{le=\"1\"} 3\n",
             "gimbald_latency_seconds_bucket{le=\"+Inf\"} 4\n",
             "gimbald_latency_seconds_count 4\n",
+            "gimbald_pages 3\n",
             "gimbald_pipewire_companions 2\n",
             "gimbald_pipewire_dropped_frames_total 4\n",
             "camera_name=\"a \\\"b\\\"\\\\\\nc\"",

@@ -315,7 +315,7 @@ impl Metrics {
             status.formats_left = now.formats_left.iter().filter(|left| !is_used(left)).cloned().collect();
             status.watchers = now.watchers.as_ref().map(|watchers| watchers());
             status.pipewire = now.pipewire.as_ref().map(|companions| companions());
-            let nodes = status.pipewire.map_or(0, |pipewire| pipewire.watched);
+            let nodes = status.pipewire.map_or(0, |pipewire| pipewire.watched + pipewire.pages);
             status.watched = now.output.as_ref().map(|_| status.watchers.unwrap_or(0) + nodes > 0);
         }
         status.uptime_s = self.born.elapsed().as_secs_f64();

@@ -70,6 +70,8 @@ pub struct Status {
     pub trust: f64,
     /// Calibration of the camera.
     pub found: Option<Found>,
+    /// The configuration file, where it was started with one.
+    pub configuration: Option<String>,
     /// Every setting, by key, as TOML writes its value.
     pub settings: BTreeMap<String, String>,
     /// Keys that have another value in the configuration, and wait for a restart.
@@ -118,6 +120,9 @@ pub struct PipewireInfo {
     pub companions: u32,
     /// Companions whose camera is watched, each by any number of programs.
     pub watched: u32,
+    /// Open pages of `gimbald view`.
+    #[serde(default)]
+    pub pages: u32,
     /// Pictures sent to companions, since the daemon began.
     pub sent: u64,
     /// Pictures that a companion missed because it had no memory free, since the daemon began.
@@ -282,6 +287,11 @@ impl Status {
             1 => viewers.push("1 PipeWire camera".to_owned()),
             count => viewers.push(format!("{count} PipeWire cameras")),
         }
+        match self.pipewire.map_or(0, |pipewire| pipewire.pages) {
+            0 => {}
+            1 => viewers.push("1 page of `gimbald view`".to_owned()),
+            count => viewers.push(format!("{count} pages of `gimbald view`")),
+        }
         let text = if viewers.is_empty() { if watched { "yes" } else { "none" }.to_owned() } else { viewers.join(", ") };
         if self.open_in.is_empty() { text } else { format!("{text}; open in {}", self.open_in.join(", ")) }
     }
@@ -384,7 +394,7 @@ mod tests {
             restart: vec!["camera.device".into()],
             watched: Some(true),
             watchers: Some(1),
-            pipewire: Some(PipewireInfo { companions: 3, watched: 2, sent: 70, dropped: 1 }),
+            pipewire: Some(PipewireInfo { companions: 3, watched: 2, pages: 1, sent: 70, dropped: 1 }),
             open_in: vec!["zoom (12)".into()],
             ..Status::default()
         };
@@ -397,7 +407,7 @@ mod tests {
             "unusable       1 of 9 frames cannot be decoded: x \n",
             "rejected       MJPG of C: nothing came\n",
             "camera.device",
-            "viewers        loopback: 1 program, 2 PipeWire cameras; open in zoom (12)\n",
+            "viewers        loopback: 1 program, 2 PipeWire cameras, 1 page of `gimbald view`; open in zoom (12)\n",
             "pipewire       3 companions; 70 frames sent, 1 dropped\n",
             "version 1.2, pixel loops neon, running for",
         ] {

@@ -53,6 +53,13 @@ pub(super) fn companions(companions: &Companions, state: &DaemonState) {
     let companions = companions.clone();
     state.metrics.set_pipewire(Box::new(move || {
         let (sent, dropped) = companions.counts();
-        PipewireInfo { companions: companions.connected(), watched: companions.watching(), sent, dropped }
+        let pages = companions.pages();
+        PipewireInfo {
+            companions: companions.connected().saturating_sub(pages),
+            watched: companions.watching().saturating_sub(pages),
+            pages,
+            sent,
+            dropped,
+        }
     }));
 }

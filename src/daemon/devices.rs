@@ -11,7 +11,7 @@ use crate::device::v4l2::{Capture, CaptureParams};
 use crate::device::{DeviceError, FrameSink, StreamFormat};
 use crate::image::PixelFormat;
 use crate::rt::notifier::Notifier;
-use crate::share::Companions;
+use crate::share::{Companions, Inspector};
 
 /// Opens devices.
 pub(super) trait Devices: Sync {
@@ -50,6 +50,11 @@ pub(super) trait Output: FrameSink {
 
     /// Whether pictures that the camera gives in `format` can be shown without opening the output again.
     fn suits(&self, format: &StreamFormat) -> bool;
+
+    /// Where the frame path gives frames to pages of `gimbald view`, if they may have them.
+    fn inspector(&self) -> Option<Inspector> {
+        None
+    }
 
     /// Its names for people.
     fn name(&self) -> String;

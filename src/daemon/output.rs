@@ -12,7 +12,7 @@ use crate::frame::Stamp;
 use crate::image::{Picture, PictureMut, Sampling};
 use crate::rt::clock::monotonic_ns;
 use crate::rt::notifier::Notifier;
-use crate::share::{Companions, Outlet, PIXEL};
+use crate::share::{Companions, Inspector, Outlet, PIXEL};
 
 /// How often readers get a picture while the camera gives none. Browsers give a camera up after some ten seconds without.
 pub(super) const SHOW_EVERY: Duration = Duration::from_millis(500);
@@ -148,6 +148,10 @@ impl Output for LiveOutput {
             (Some(loopback), _) => loopback.path().display().to_string(),
             (None, _) => "PipeWire".into(),
         }
+    }
+
+    fn inspector(&self) -> Option<Inspector> {
+        self.companions.as_ref().map(|(companions, _)| companions.inspector(&self.format))
     }
 
     fn has_loopback(&self) -> bool {

@@ -13,6 +13,7 @@ use super::devices::{Devices, LiveCamera, Output};
 use super::heartbeat::Heartbeat;
 use super::lifecycle::{Action, Cause, Event, Lifecycle, State};
 use super::monitored_source::{MonitoredSource, Notes};
+use super::observers::Observers;
 use super::output::SHOW_EVERY;
 use super::recovery::{Recovery, RejectedFormats, Step};
 use super::{companions, describe};
@@ -294,7 +295,7 @@ impl<'a> Supervisor<'a> {
             failed: false,
             step: Step::GoOn,
         };
-        let mut observer = heartbeat;
+        let mut observer = Observers { heartbeat, inspector: output.inspector() };
         let ran = run_live(&mut source, &mut **output, &params, &state.live, stop, &mut observer);
         let (failed, step) = (source.failed, source.step);
         drop(camera);

@@ -11,6 +11,7 @@ pub mod dense;
 pub mod lk;
 pub mod normal;
 pub mod pyramid;
+pub mod shrink;
 pub mod warp;
 
 use std::sync::OnceLock;

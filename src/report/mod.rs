@@ -4,6 +4,7 @@ mod compare;
 mod histogram;
 mod html;
 mod names;
+mod pair;
 mod stats;
 mod trace;
 
@@ -11,5 +12,6 @@ pub use compare::{Compare, compare_format};
 pub use histogram::Histogram;
 pub use html::Report;
 pub use names::{Axis, MotionNames, outcome_name};
+pub use pair::{EncodedPair, PairEncoder};
 pub use stats::Stats;
 pub use trace::Trace;

@@ -11,6 +11,7 @@ use rustix::net::{
     connect, recv, sendmsg, socket_with,
 };
 
+use super::lease::Kind;
 use super::wire::{Format, FromCompanion, FromDaemon, LONGEST, Packet, Refusal};
 
 /// A connection to a daemon. Every error ends it: drop it and connect again.
@@ -79,7 +80,15 @@ impl Client {
     /// # Errors
     /// Where the daemon is gone or does not listen.
     pub fn watch(&self, on: bool, size: (u32, u32), camera: Option<BorrowedFd<'_>>) -> io::Result<()> {
-        self.say(&FromCompanion::Watch { on, size }.packet(), camera)
+        self.say(&FromCompanion::Watch { wants: on.then_some(Kind::Output), size }.packet(), camera)
+    }
+
+    /// Says that output, input and what is told of each frame are wanted ([`super::Pair`]); otherwise as [`Client::watch`].
+    ///
+    /// # Errors
+    /// As [`Client::watch`].
+    pub fn watch_both(&self, size: (u32, u32), camera: Option<BorrowedFd<'_>>) -> io::Result<()> {
+        self.say(&FromCompanion::Watch { wants: Some(Kind::Both), size }.packet(), camera)
     }
 
     /// Lends a memfd of a picture's size under a number that was not lent before.

@@ -11,7 +11,7 @@ use rustix::net::{
     RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags, SendFlags, Shutdown, recvmsg, send, shutdown,
 };
 
-use super::lease::{Canvas, Lease, MOST_LENT};
+use super::lease::{Canvas, Kind, Lease, MOST_LENT};
 use super::memory::Memory;
 use super::proof::CameraNode;
 use super::server::Closing;
@@ -31,6 +31,7 @@ pub(super) struct Connection {
     /// The size of its node, once it said so.
     pub(super) size: Option<(u32, u32)>,
     watched: bool,
+    kind: Kind,
     proven: bool,
     /// The numbers of what it lends, and those pieces that are neither free nor being drawn into.
     lent: Vec<u64>,
@@ -43,12 +44,31 @@ impl Connection {
     pub(super) fn new(socket: OwnedFd) -> Self {
         let lease = Arc::new(Lease::new(socket));
         let (lent, resting) = (Vec::with_capacity(MOST_LENT), Vec::with_capacity(MOST_LENT));
-        Self { lease, size: None, watched: false, proven: false, lent, resting, counted: (Instant::now(), 0) }
+        Self {
+            lease,
+            size: None,
+            watched: false,
+            kind: Kind::Output,
+            proven: false,
+            lent,
+            resting,
+            counted: (Instant::now(), 0),
+        }
     }
 
     /// Whether a program watches whose user may.
     pub(super) fn watches(&self) -> bool {
         self.watched && self.proven
+    }
+
+    /// Whether it is a page of `gimbald view` that watches.
+    pub(super) fn is_page(&self) -> bool {
+        self.watches() && self.kind == Kind::Both
+    }
+
+    /// The size that its viewers hold: a page takes every size.
+    pub(super) fn held_size(&self) -> Option<(u32, u32)> {
+        self.size.filter(|_| self.watches() && self.kind == Kind::Output)
     }
 
     pub(super) fn is_proven(&self) -> bool {
@@ -144,9 +164,11 @@ impl Connection {
     ) -> Result<(), String> {
         self.collect();
         match (message, fd) {
-            (FromCompanion::Watch { on, size }, fd) => {
+            (FromCompanion::Watch { wants, size }, fd) => {
                 self.size = Some(size);
-                self.watched = on;
+                self.watched = wants.is_some();
+                self.kind = wants.unwrap_or(self.kind);
+                self.lease.set_kind(self.kind);
                 self.proven = match (fd, camera) {
                     (Some(fd), Some(camera)) if camera.is_proven_by(&fd) => true,
                     (Some(fd), _) => {
@@ -158,13 +180,17 @@ impl Connection {
                 self.judge(format);
                 if self.waits_for_proof() {
                     self.say(&FromDaemon::Refused(Refusal::Proof));
-                } else if on && !self.lease.live.load(Ordering::Relaxed) {
+                } else if self.watched && !self.lease.live.load(Ordering::Relaxed) {
                     self.say(&FromDaemon::Refused(Refusal::Size));
                 }
             }
             (FromCompanion::Lend { id }, Some(fd)) => {
                 let (width, height) = self.size.ok_or("it lent memory before it said for which size")?;
-                let bytes = super::wire::bytes(width, height).ok_or("it lent memory for an impossible size")?;
+                let bytes = match self.kind {
+                    Kind::Output => super::wire::bytes(width, height),
+                    Kind::Both => super::pair::bytes(width, height),
+                };
+                let bytes = bytes.ok_or("it lent memory for an impossible size")?;
                 if self.lent.len() >= MOST_LENT || self.lent.contains(&id) {
                     closing.close(fd);
                     return Err("it lent too much memory".into());
@@ -181,10 +207,7 @@ impl Connection {
                 }
             }
             (FromCompanion::Free { id }, None) => {
-                // One that was revoked or is free already changes nothing.
-                if let Some(at) = self.resting.iter().position(|canvas| canvas.id == id) {
-                    let _ = self.lease.empty.0.try_send(self.resting.swap_remove(at));
-                }
+                self.free(id);
             }
             (FromCompanion::Revoke { id }, None) => {
                 self.lent.retain(|lent| *lent != id);
@@ -205,6 +228,16 @@ impl Connection {
             if self.lent.contains(&canvas.id) {
                 self.resting.push(canvas);
             }
+        }
+        while let Ok(id) = self.lease.unsent.1.try_recv() {
+            self.free(id);
+        }
+    }
+
+    /// Lets the frame path draw into a piece. One that was revoked or is free already changes nothing.
+    fn free(&mut self, id: u64) {
+        if let Some(at) = self.resting.iter().position(|canvas| canvas.id == id) {
+            let _ = self.lease.empty.0.try_send(self.resting.swap_remove(at));
         }
     }
 

@@ -1,7 +1,7 @@
 //! The frame path's side: memory that companions lend is drawn into, frame by frame.
 
 use std::os::fd::OwnedFd;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -17,6 +17,16 @@ use crate::kernel::{Level, convert::pack};
 /// Pieces of memory that a companion may lend at a time; PipeWire's buffers are no more.
 pub(super) const MOST_LENT: usize = 16;
 
+/// Which pictures of a frame a companion wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Kind {
+    /// The output.
+    Output = 1,
+    /// Output, input, and [`super::FrameInfo`].
+    Both = 2,
+}
+
 /// A piece of lent memory and its number.
 #[derive(Debug)]
 pub(super) struct Canvas {
@@ -25,14 +35,18 @@ pub(super) struct Canvas {
 }
 
 /// What a companion lends. The server's thread fills `empty`, the frame path draws and leaves what it drew into in `drawn`; neither
-/// waits for the other. Both channels have room for every piece there is.
+/// waits for the other. All channels have room for every piece there is.
 #[derive(Debug)]
 pub(super) struct Lease {
     pub(super) socket: OwnedFd,
     /// Whether its pictures are wanted and may be had.
     pub(super) live: AtomicBool,
+    /// Which pictures are wanted, a [`Kind`].
+    kind: AtomicU32,
     pub(super) empty: (Sender<Canvas>, Receiver<Canvas>),
     pub(super) drawn: (Sender<Canvas>, Receiver<Canvas>),
+    /// The numbers of pieces in `drawn` that the companion could not be told of.
+    pub(super) unsent: (Sender<u64>, Receiver<u64>),
     pub(super) sent: AtomicU64,
     /// Frames for which it had no memory, or no room in the socket.
     pub(super) dropped: AtomicU64,
@@ -43,38 +57,57 @@ impl Lease {
         Self {
             socket,
             live: AtomicBool::new(false),
+            kind: AtomicU32::new(Kind::Output as u32),
             empty: bounded(MOST_LENT),
             drawn: bounded(MOST_LENT),
+            unsent: bounded(MOST_LENT),
             sent: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }
     }
 
+    /// Sets which pictures are wanted.
+    pub(super) fn set_kind(&self, kind: Kind) {
+        self.kind.store(kind as u32, Ordering::Relaxed);
+    }
+
+    fn is_live(&self, kind: Kind) -> bool {
+        self.live.load(Ordering::Relaxed) && self.kind.load(Ordering::Relaxed) == kind as u32
+    }
+
     /// Draws a picture into the next free piece and says so. `false`: it was dropped.
     fn send(&self, level: Level, picture: PictureRef<'_>, format: &StreamFormat, stamp: &Stamp) -> bool {
-        let sent = self.draw(level, picture, format, stamp);
+        let Some(bytes) = format.frame_bytes() else { return false };
+        self.draw(bytes, stamp.time_ns, |memory| pack(level, picture, format.pixel, format.stride, memory).is_ok())
+    }
+
+    /// Has `draw` fill the next free piece of `bytes` bytes with a picture taken at `time_ns`, and says so. `draw` returns whether it did.
+    /// `false`: the picture was dropped.
+    pub(super) fn draw(&self, bytes: usize, time_ns: i64, mut draw: impl FnMut(&mut [u8]) -> bool) -> bool {
+        let sent = self.try_draw(bytes, time_ns, &mut draw);
         let count = if sent { &self.sent } else { &self.dropped };
         count.fetch_add(1, Ordering::Relaxed);
         sent
     }
 
-    fn draw(&self, level: Level, picture: PictureRef<'_>, format: &StreamFormat, stamp: &Stamp) -> bool {
-        let Some(bytes) = format.frame_bytes() else { return false };
+    fn try_draw(&self, bytes: usize, time_ns: i64, draw: &mut impl FnMut(&mut [u8]) -> bool) -> bool {
         loop {
             let Ok(mut canvas) = self.empty.1.try_recv() else { return false };
             // One that is left from another size goes.
-            let fits = canvas.memory.bytes().len() == bytes
-                && pack(level, picture, format.pixel, format.stride, canvas.memory.bytes_mut()).is_ok();
+            let fits = canvas.memory.bytes().len() == bytes && draw(canvas.memory.bytes_mut());
             if !fits {
                 let _ = self.drawn.0.try_send(canvas);
                 continue;
             }
-            let message = FromDaemon::Frame { id: canvas.id, time_ns: stamp.time_ns }.packet();
+            let id = canvas.id;
+            // First this: the companion may free it as soon as it has the message.
+            let _ = self.drawn.0.try_send(canvas);
+            let message = FromDaemon::Frame { id, time_ns }.packet();
             let sent = send(&self.socket, message.bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL).is_ok();
-            // Where it could not be sent, the companion does not know of it, so it is still free. A companion that went away is noticed by
-            // the server's thread.
-            let next = if sent { &self.drawn.0 } else { &self.empty.0 };
-            let _ = next.try_send(canvas);
+            if !sent {
+                // The companion does not know of it, so it is still free. One that has disconnected is noticed by the server's thread.
+                let _ = self.unsent.0.try_send(id);
+            }
             return sent;
         }
     }
@@ -102,45 +135,71 @@ impl Leases {
     }
 }
 
-/// Where the frame path gives a picture to every companion that wants it: a few atomic loads where none does.
+/// The frame path's copy of the list of leases, so that it takes no lock for a frame.
 #[derive(Debug)]
-pub struct Outlet {
-    leases: Arc<Leases>,
+pub(super) struct LeaseView {
+    shared: Arc<Leases>,
     /// As they were when they last changed.
     known: Vec<Arc<Lease>>,
     seen: u64,
+}
+
+/// Where the frame path gives a picture to every companion that wants it: a few atomic loads where none does.
+#[derive(Debug)]
+pub struct Outlet {
+    leases: LeaseView,
     format: StreamFormat,
     level: Level,
 }
 
 impl Outlet {
     pub(super) fn new(leases: Arc<Leases>, most: usize, format: StreamFormat) -> Self {
-        Self { leases, known: Vec::with_capacity(most), seen: u64::MAX, format, level: Level::detected() }
+        Self { leases: LeaseView::new(leases, most), format, level: Level::detected() }
     }
 
     /// Whether any companion wants pictures now.
     pub fn is_wanted(&mut self) -> bool {
-        self.look();
-        self.known.iter().any(|lease| lease.live.load(Ordering::Relaxed))
+        self.leases.refresh();
+        self.leases.is_wanted(Kind::Output)
     }
 
     /// Gives `picture`, of this outlet's size, to each companion that wants it. Never waits: a companion that has no memory free misses it.
     pub fn send(&mut self, picture: PictureRef<'_>, stamp: &Stamp) {
-        self.look();
-        for lease in self.known.iter().filter(|lease| lease.live.load(Ordering::Relaxed)) {
-            let sent = lease.send(self.level, picture, &self.format, stamp);
-            let count = if sent { &self.leases.sent } else { &self.leases.dropped };
-            count.fetch_add(1, Ordering::Relaxed);
+        self.leases.refresh();
+        for lease in self.leases.wanting(Kind::Output) {
+            self.leases.count(lease.send(self.level, picture, &self.format, stamp));
         }
     }
+}
 
-    /// Takes note of companions that came or went. Where they are just being changed, the next frame will.
-    fn look(&mut self) {
-        let version = self.leases.version.load(Ordering::Acquire);
+impl LeaseView {
+    pub(super) fn new(shared: Arc<Leases>, most: usize) -> Self {
+        Self { shared, known: Vec::with_capacity(most), seen: u64::MAX }
+    }
+
+    /// Whether any companion wants pictures of that kind now.
+    pub(super) fn is_wanted(&self, kind: Kind) -> bool {
+        self.wanting(kind).next().is_some()
+    }
+
+    /// The leases of companions that want such pictures now.
+    pub(super) fn wanting(&self, kind: Kind) -> impl Iterator<Item = &Lease> {
+        self.known.iter().map(|lease| &**lease).filter(move |lease| lease.is_live(kind))
+    }
+
+    /// Counts a picture of [`Companions::counts`](super::Companions::counts).
+    fn count(&self, sent: bool) {
+        let count = if sent { &self.shared.sent } else { &self.shared.dropped };
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Takes note of companions that connected or left. While the list is being changed, the next frame does it.
+    pub(super) fn refresh(&mut self) {
+        let version = self.shared.version.load(Ordering::Acquire);
         if version == self.seen {
             return;
         }
-        let all = match self.leases.all.try_lock() {
+        let all = match self.shared.all.try_lock() {
             Ok(all) => all,
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => return,

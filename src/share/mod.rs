@@ -11,17 +11,20 @@
 //! | from | message | with |
 //! |---|---|---|
 //! | daemon | `Format`: size, interval, the camera's node (empty where there is no camera) | |
-//! | companion | `Watch`: whether a program watches, and in which size | the camera's node, opened to read and write |
+//! | companion | `Watch`: whether a program watches, whether it wants the output alone or the input too, and in which size | the camera's node, opened to read and write |
 //! | companion | `Lend`: a new piece of memory, its number | the memfd |
 //! | companion | `Free`: the piece of that number may be drawn into (again) | |
 //! | companion | `Revoke`: the piece of that number is gone | |
 //! | daemon | `Frame`: the piece of that number holds a picture, taken then | |
 //! | daemon | `Refused`: why no pictures come | |
 //!
+//! Companions for PipeWire take the output. `gimbald view` takes both pictures and a description of each frame ([`Pair`]), 12 times a
+//! second at most: it lends one piece of memory, and frees it when its next picture is due.
+//!
 //! # Who gets pictures
 //!
-//! Users who may open the camera. A companion proves that its user may with a descriptor of the camera's node that it opened to read and write: the kernel
-//! has then checked its rights (group, or the list that logind keeps for the user at the desk). It is asked for with each `Watch`, so
+//! Users who may open the camera. A companion proves that its user may with a descriptor of the camera's node that it opened to read
+//! and write: the kernel has then checked its rights (group, or the list that logind keeps for the user at the desk). It is asked for with each `Watch`, so
 //! rights that were lost count from the next one on, as they would for a program that has the camera open itself.
 //!
 //! # What a hostile companion can do
@@ -32,15 +35,19 @@
 
 mod client;
 mod connection;
+mod frame_info;
 mod lease;
 mod memory;
+mod pair;
 mod proof;
 mod server;
 mod wire;
 
 pub use client::{Client, Heard};
+pub use frame_info::FrameInfo;
 pub use lease::Outlet;
 pub use memory::Memory;
+pub use pair::{Inspector, Pair};
 pub use proof::CameraNode;
 pub use server::{Companions, Server, socket_paths};
 pub use wire::{Format, Refusal};

@@ -15,6 +15,7 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept
 
 use super::connection::Connection;
 use super::lease::{Lease, Leases, Outlet};
+use super::pair::Inspector;
 use super::proof::CameraNode;
 use super::wire::Format;
 use crate::device::StreamFormat;
@@ -47,6 +48,7 @@ struct Known {
     asked: Mutex<Asked>,
     connected: AtomicU32,
     watching: AtomicU32,
+    pages: AtomicU32,
 }
 
 #[derive(Debug, Default)]
@@ -65,7 +67,14 @@ impl Companions {
     fn new() -> io::Result<Self> {
         let (leases, notifier) = (Arc::default(), Notifier::new()?);
         let asked = Mutex::default();
-        Ok(Self(Arc::new(Known { leases, notifier, asked, connected: AtomicU32::new(0), watching: AtomicU32::new(0) })))
+        Ok(Self(Arc::new(Known {
+            leases,
+            notifier,
+            asked,
+            connected: AtomicU32::new(0),
+            watching: AtomicU32::new(0),
+            pages: AtomicU32::new(0),
+        })))
     }
 
     fn asked(&self) -> MutexGuard<'_, Asked> {
@@ -80,6 +89,12 @@ impl Companions {
         Outlet::new(self.0.leases.clone(), MOST_CONNECTIONS, format)
     }
 
+    /// A way to give output, input and [`super::FrameInfo`] to companions that want them; `format` is that of [`Companions::outlet`].
+    pub fn inspector(&self, format: &StreamFormat) -> Inspector {
+        let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
+        Inspector::new(self.0.leases.clone(), MOST_CONNECTIONS, format)
+    }
+
     /// The camera's node is `path`: who proved something for another has to prove it again.
     pub fn camera_is(&self, path: &Path) {
         self.asked().camera = path.into();
@@ -91,9 +106,14 @@ impl Companions {
         self.0.connected.load(Ordering::Relaxed)
     }
 
-    /// Companions whose node a program watches, and that may have the camera's pictures.
+    /// Companions whose node a program watches, and pages, that may have the camera's pictures.
     pub fn watching(&self) -> u32 {
         self.0.watching.load(Ordering::Relaxed)
+    }
+
+    /// Of [`Companions::watching`], the pages of `gimbald view`.
+    pub fn pages(&self) -> u32 {
+        self.0.pages.load(Ordering::Relaxed)
     }
 
     /// Pictures that companions got, and pictures that one of them missed, since the beginning.
@@ -120,7 +140,8 @@ impl Companions {
         Some(Format { width, height, interval, camera: asked.camera.clone() })
     }
 
-    fn set(&self, connected: usize, watching: usize, held: Option<(u32, u32)>) {
+    fn set(&self, connected: usize, watching: usize, pages: usize, held: Option<(u32, u32)>) {
+        self.0.pages.store(pages as u32, Ordering::Relaxed);
         self.0.connected.store(connected as u32, Ordering::Relaxed);
         let changed = self.0.watching.swap(watching as u32, Ordering::Relaxed) != watching as u32;
         let mut asked = self.asked();
@@ -226,7 +247,7 @@ impl Server {
         }
         self.companions.0.leases.change(Vec::clear);
         round.connections.into_iter().for_each(|connection| drop(connection.leave()));
-        self.companions.set(0, 0, None);
+        self.companions.set(0, 0, 0, None);
     }
 }
 
@@ -368,8 +389,9 @@ impl Round<'_> {
 
     fn account(&self) {
         let watching = self.connections.iter().filter(|connection| connection.watches()).count();
-        let held = self.connections.iter().find(|connection| connection.watches()).and_then(|connection| connection.size);
-        self.server.companions.set(self.connections.len(), watching, held);
+        let held = self.connections.iter().find_map(Connection::held_size);
+        let pages = self.connections.iter().filter(|connection| connection.is_page()).count();
+        self.server.companions.set(self.connections.len(), watching, pages, held);
     }
 }
 

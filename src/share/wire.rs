@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::lease::Kind;
+
 /// Both ends are of one program and are updated together; another version ends the connection.
 const VERSION: u32 = 1;
 
@@ -58,9 +60,9 @@ pub(super) enum FromDaemon {
 /// What a companion says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FromCompanion {
-    /// Whether a program watches, and the size of the node.
+    /// Whether a program watches, which pictures it wants, and the size of the node.
     Watch {
-        on: bool,
+        wants: Option<Kind>,
         size: (u32, u32),
     },
     Lend {
@@ -171,7 +173,7 @@ impl FromDaemon {
 impl FromCompanion {
     pub(super) fn packet(&self) -> Packet {
         match *self {
-            Self::Watch { on, size } => Packet::new(16).word(on.into()).word(size.0).word(size.1),
+            Self::Watch { wants, size } => Packet::new(16).word(wants.map_or(0, |kind| kind as u32)).word(size.0).word(size.1),
             Self::Lend { id } => Packet::new(17).long(id),
             Self::Free { id } => Packet::new(18).long(id),
             Self::Revoke { id } => Packet::new(19).long(id),
@@ -183,12 +185,13 @@ impl FromCompanion {
         let mut reader = Reader(bytes);
         let message = match reader.tag()? {
             16 => {
-                let on = match reader.word()? {
-                    0 => false,
-                    1 => true,
+                let wants = match reader.word()? {
+                    0 => None,
+                    1 => Some(Kind::Output),
+                    2 => Some(Kind::Both),
                     _ => return None,
                 };
-                Self::Watch { on, size: (reader.word()?, reader.word()?) }
+                Self::Watch { wants, size: (reader.word()?, reader.word()?) }
             }
             17 => Self::Lend { id: reader.long()? },
             18 => Self::Free { id: reader.long()? },
@@ -220,7 +223,9 @@ mod tests {
             assert_eq!(FromDaemon::read(message.packet().bytes()), Some(message));
         }
         let companion = [
-            FromCompanion::Watch { on: true, size: (640, 480) },
+            FromCompanion::Watch { wants: Some(Kind::Output), size: (640, 480) },
+            FromCompanion::Watch { wants: Some(Kind::Both), size: (640, 480) },
+            FromCompanion::Watch { wants: None, size: (640, 480) },
             FromCompanion::Lend { id: 7 },
             FromCompanion::Free { id: 8 },
             FromCompanion::Revoke { id: 9 },
@@ -232,7 +237,7 @@ mod tests {
 
     #[test]
     fn what_is_no_message_is_refused() {
-        let watch = FromCompanion::Watch { on: true, size: (2, 2) }.packet();
+        let watch = FromCompanion::Watch { wants: Some(Kind::Output), size: (2, 2) }.packet();
         for len in 0..watch.bytes().len() {
             assert_eq!(FromCompanion::read(&watch.bytes()[..len]), None, "cut to {len}");
         }
