@@ -14,7 +14,8 @@ use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};
 use crate::config::Settings;
 use crate::device::replay;
-use crate::device::synthetic::{self, Motion, Synthetic};
+use crate::device::synthetic::{self, Motion, Synthetic, View};
+use crate::device::video::MjpegSink;
 use crate::device::y4m::Y4mSink;
 use crate::device::{FrameSink, FrameSource, Lent};
 use crate::frame::Frame;
@@ -54,13 +55,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let files = Files {
         input: file("input.y4m"),
         output: file("stabilized.y4m"),
-        beside: file("side-by-side.y4m"),
+        beside: file("before-after.avi"),
         report: file("report.html"),
     };
 
     let camera = synthetic::Params::default();
     let frames = (args.seconds.min(60.0) * camera.fps).round().max(2.0) as u64;
-    let camera = synthetic::Params { motion: args.motion, frames, ..camera };
+    let camera = synthetic::Params { motion: args.motion, view: View::Room, frames, ..camera };
     film(&camera, &files.input, &stop)?;
 
     let known = &mut settings.pipeline.camera;
@@ -109,7 +110,7 @@ fn stabilize(settings: &Settings, files: &Files, stop: &Stop) -> Result<Shake, F
     let mut source = replay::open(&files.input)?;
     let format = source.format();
     let mut sink = Y4mSink::create(&files.output, &format)?;
-    let beside = Y4mSink::create(&files.beside, &compare_format(&format))?;
+    let beside = MjpegSink::create(&files.beside, &compare_format(&format))?;
     let mut watch = Watch::new("stabilizing", source.frames(), stop.clone());
     watch.compare = Some(Compare::new(Box::new(beside), stop.clone()));
     let report = Report::new(settings, &format, &files.input.to_string_lossy());
@@ -136,10 +137,10 @@ impl Observer for (Watch, Shake) {
 fn tell(files: &Files, before: &Shake, after: &Shake) -> io::Result<()> {
     let mut out = io::stdout().lock();
     for (path, what) in [
-        (&files.input, "the shaky clip (play .y4m with mpv, VLC or ffplay)"),
-        (&files.output, "the stabilized clip"),
-        (&files.beside, "both side by side"),
-        (&files.report, "report with plots and pictures, for a browser"),
+        (&files.beside, "before and after, side by side: plays in every video player"),
+        (&files.report, "the same in a browser, with a player and plots"),
+        (&files.input, "the shaky clip, uncompressed (mpv, VLC or ffplay)"),
+        (&files.output, "the stabilized clip, likewise"),
     ] {
         writeln!(out, "{:<28} {what}", path.display().to_string())?;
     }

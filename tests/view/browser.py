@@ -1,6 +1,6 @@
-"""Chromium looks at the pages of `gimbald view`; driven over its DevTools protocol through a pipe. Only Python's own library.
+"""Chromium shows the pages of `gimbald view` and a report; driven over its DevTools protocol through a pipe, with Python's standard library.
 
-    python3 tests/view/browser.py CHROMIUM ADDRESS-OF-A-DAEMON'S-PAGE ADDRESS-OF-A-RECORDING'S-PAGE [FOLDER-FOR-PICTURES]
+    python3 tests/view/browser.py CHROMIUM DAEMON-PAGE-ADDRESS RECORDING-PAGE-ADDRESS REPORT-FILE [FOLDER-FOR-PICTURES]
 """
 import base64
 import json
@@ -231,6 +231,33 @@ def recording(browser, address, folder):
     check("it plays from the start again", tab.until(f"{PICTURES} > {seen + 20}") and tab.ask(STATE % "answer.state.playing"))
 
 
+def report(browser, path, folder):
+    tab = Tab(browser, f"file://{path}", 1100, 900)
+    check("the report's player shows a picture", tab.until("document.getElementById('picture').width > 300 && !document.getElementById('player').hidden"))
+    tab.ask("document.getElementById('play').click()")
+    shown = text("time")
+    first = tab.ask(shown)
+    check("it plays, and the plots' cursors move with it", tab.until(f"{shown} !== {json.dumps(first)}")
+          and tab.until("document.querySelector('svg .cursor').getAttribute('x1') > 62"))
+    tab.ask("document.getElementById('play').click()")
+    box = tab.ask("""(() => { const plot = document.querySelector('svg[data-value]'); plot.scrollIntoView();
+        const b = plot.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()""")
+    tab.send("Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + 0.5 * box[2], y=box[1] + 0.5 * box[3])
+    output = "document.querySelector('svg[data-value]').parentElement.querySelector('output').textContent"
+    check("a plot answers to the pointer with time and values", tab.until(f"/^0\\.[3-5]\\d s: camera.* -?[0-9.]+/.test({output})"))
+    time_there = tab.ask(output).split(" s")[0]
+    check("and the player shows the picture of that time", tab.until(f"{shown}.startsWith('{time_there} s')"))
+    before = tab.ask(ALL)
+    tab.key("1", "Digit1")
+    inputs = tab.ask(ALL)
+    tab.key("2", "Digit2")
+    check("the keys show before and after", len({before, inputs, tab.ask(ALL)}) == 3)
+    tab.picture(folder, "report")
+    tab.size(390, 844)
+    check("the report fits a phone", tab.until("document.documentElement.scrollWidth <= 390"))
+    check("it prints", len(tab.send("Page.printToPDF")["data"]) > 10000)
+
+
 def strangers(browser, address):
     host = address.split("/")[2]
     tab = Tab(browser, f"http://{host}/{'0' * 32}/")
@@ -252,12 +279,13 @@ def strangers(browser, address):
 
 
 def main():
-    program, live, film = sys.argv[1:4]
-    folder = sys.argv[4] if len(sys.argv) > 4 else None
+    program, live, film, page = sys.argv[1:5]
+    folder = sys.argv[5] if len(sys.argv) > 5 else None
     browser = Browser(program)
     try:
         daemon(browser, live, folder)
         recording(browser, film, folder)
+        report(browser, page, folder)
         # What a refused request leaves in the log is expected; an exception of the page's script is not.
         thrown = [entry for entry in browser.log if "exceptionDetails" in entry]
         check("no script failed", not thrown or print(thrown))

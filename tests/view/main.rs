@@ -148,9 +148,13 @@ fn a_real_browser_shows_it() {
     let daemon = Page::open(&["view", "--no-browser", "--socket", &running.socket()]);
     let recording = Page::open(&["view", CAR, "--no-browser"]);
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/view/browser.py");
+    let scratch = tempfile::tempdir().unwrap();
+    let report = scratch.path().join("report.html").to_str().unwrap().to_owned();
+    let replay = Command::new(env!("CARGO_BIN_EXE_gimbald")).args(["replay", CAR, "-o", "null:", "--report", &report]).status();
+    assert!(replay.unwrap().success());
     // PICTURES=DIR leaves screenshots there.
     let pictures = std::env::var("PICTURES").ok();
-    let arguments = [script, chromium, &daemon.address(), &recording.address()];
+    let arguments = [script, chromium, &daemon.address(), &recording.address(), &report];
     let output = Command::new("python3").args(arguments).args(pictures).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));

@@ -6,6 +6,7 @@
 mod motion;
 mod optics;
 mod random;
+mod room;
 mod scene;
 
 pub use motion::Motion;
@@ -36,7 +37,9 @@ pub struct Params {
     pub motion: Motion,
     /// How much: 1 as [`Motion`] says (0 to 10).
     pub gain: f64,
-    /// Of the wall, the motion and the noise.
+    /// What it looks at.
+    pub view: View,
+    /// Of what it looks at, the motion and the noise.
     pub seed: u64,
     /// How many frames there are; 0: without end.
     pub frames: u64,
@@ -54,11 +57,22 @@ impl Default for Params {
             readout_ms: 25.0,
             motion: Motion::Handheld,
             gain: 1.0,
+            view: View::Wall,
             seed: 1,
             frames: 150,
             noise: 1.5,
         }
     }
+}
+
+/// What the synthetic camera looks at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum View {
+    /// A wall of random shapes, with corners everywhere: for measurements.
+    #[default]
+    Wall,
+    /// A drawn room with a person, for people to look at.
+    Room,
 }
 
 /// Normally distributed numbers, drawn once; a power of two.
@@ -119,7 +133,10 @@ impl Synthetic {
             format,
             optics: Optics::new(p.width, p.height, p.hfov_deg),
             path: Path::new(p.motion, p.gain, p.seed, duration),
-            scene: Scene::new(p.seed),
+            scene: match p.view {
+                View::Wall => Scene::new(p.seed),
+                View::Room => Scene::room(p.width, p.seed),
+            },
             noises: (0..noises).map(|_| (random.normal() * p.noise) as f32).collect(),
             next: 0,
             bytes: vec![0; luma + 2 * chroma],

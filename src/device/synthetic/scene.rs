@@ -1,10 +1,11 @@
-//! What the synthetic camera looks at: a far, painted wall, made up from a seed.
+//! What the synthetic camera looks at: a far, painted wall, made up from a seed, or a drawn room ([`super::room`]).
 //!
-//! Clouds of several sizes, and on them thousands of rectangles and discs in all sizes, most of them upright, so that there are
+//! The wall: clouds of several sizes, and on them thousands of rectangles and discs in all sizes, most of them upright, so that there are
 //! corners wherever and from however far one looks. Edges are softened over about two texels, so that the wall may be sampled at a
 //! fraction of a texel.
 
 use super::random::{Random, mix};
+use super::room;
 
 /// Luma texels in a row.
 const WIDTH: usize = 2048;
@@ -52,6 +53,42 @@ impl Scene {
         luma.add_clouds(seed ^ 3, 9.0, 8.0);
         Self { luma: luma.finish(), chroma: [u.finish(), v.finish()] }
     }
+
+    /// Draws the room for a camera of `width` pixels.
+    pub(super) fn room(width: u32, seed: u64) -> Self {
+        let mut painter =
+            Painter([WIDTH, WIDTH / 2, WIDTH / 2].map(|width| Canvas::clouds(width, width / 4 * 3, seed, &[], 128.0)));
+        room::draw(&mut painter, width, seed);
+        let [mut luma, u, v] = painter.0;
+        // Nothing real is of one tone.
+        luma.add_clouds(seed, 180.0, 5.0);
+        luma.add_clouds(seed ^ 1, 7.0, 3.0);
+        Self { luma: luma.finish(), chroma: [u.finish(), v.finish()] }
+    }
+}
+
+/// Paints shapes in colour: luma, U and V.
+pub(super) struct Painter([Canvas; 3]);
+
+impl Painter {
+    /// The middle, in luma texels.
+    pub(super) fn middle(&self) -> [f64; 2] {
+        Scene::CENTRE
+    }
+
+    /// Paints a shape about `centre` (luma texels), turned by `angle` (radians, clockwise), in red, green and blue (0 to 255).
+    pub(super) fn paint(&mut self, outline: Outline, centre: [f64; 2], half: [f64; 2], angle: f64, [r, g, b]: [f64; 3]) {
+        let (sin, cos) = angle.sin_cos();
+        let [centre, half, direction] = [centre, half, [cos, sin]].map(|pair| pair.map(|value| value as f32));
+        let shape = Shape { centre, half, direction, outline };
+        // BT.601 with limited range.
+        let y = 16.0 + (65.481 * r + 128.553 * g + 24.966 * b) / 255.0;
+        let u = 128.0 + (-37.797 * r - 74.203 * g + 112.0 * b) / 255.0;
+        let v = 128.0 + (112.0 * r - 93.786 * g - 18.214 * b) / 255.0;
+        for ((canvas, scale), value) in self.0.iter_mut().zip([1.0, 0.5, 0.5]).zip([y, u, v]) {
+            canvas.paint(&shape, scale, value as f32);
+        }
+    }
 }
 
 impl Texture {
@@ -85,12 +122,21 @@ impl Texture {
     }
 }
 
-/// A rectangle or a disc, in luma texels.
+/// The form of a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outline {
+    Rectangle,
+    /// As wide as high.
+    Disc,
+    Oval,
+}
+
+/// A shape, in luma texels.
 struct Shape {
     centre: [f32; 2],
     half: [f32; 2],
     direction: [f32; 2],
-    disc: bool,
+    outline: Outline,
 }
 
 impl Shape {
@@ -103,7 +149,7 @@ impl Shape {
             centre: [random.uniform(0.0, WIDTH as f64) as f32, random.uniform(0.0, HEIGHT as f64) as f32],
             half: [size(random), size(random)],
             direction: [cos as f32, sin as f32],
-            disc: random.bits().is_multiple_of(4),
+            outline: if random.bits().is_multiple_of(4) { Outline::Disc } else { Outline::Rectangle },
         }
     }
 }
@@ -164,7 +210,12 @@ impl Canvas {
             for x in span(cx, self.width) {
                 let (dx, dy) = (x as f32 - cx, y as f32 - cy);
                 let (along, across) = ((cos * dx + sin * dy).abs(), (cos * dy - sin * dx).abs());
-                let distance = if shape.disc { dx.hypot(dy) - half_x } else { (along - half_x).max(across - half_y) };
+                let distance = match shape.outline {
+                    Outline::Disc => dx.hypot(dy) - half_x,
+                    Outline::Rectangle => (along - half_x).max(across - half_y),
+                    // Near enough at the edge.
+                    Outline::Oval => ((along / half_x).hypot(across / half_y) - 1.0) * half_x.min(half_y),
+                };
                 let cover = (0.5 - distance / 1.5).clamp(0.0, 1.0);
                 let texel = &mut self.texels[y * self.width + x];
                 *texel += cover * (value - *texel);

@@ -1,6 +1,7 @@
-//! One page that shows what a run did: motion before and after, frames before and after, times, settings. Needs nothing but a
-//! browser: no file beside it, no network, no script.
+//! One page that shows what a run did: a player of before and after, motion, path, times, settings. It is one file that needs no
+//! network, and stays below [`MAX_BYTES`] for ordinary runs: the player gets what the rest leaves.
 
+mod clip;
 mod inside;
 mod page;
 mod picture;
@@ -16,8 +17,12 @@ use crate::geometry::Calibration;
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
 
+use clip::Clip;
 use inside::Inside;
 use stills::Stills;
+
+/// Bytes of a page, at most, unless plots and still pictures alone need more.
+pub const MAX_BYTES: usize = 3_000_000;
 
 /// Gathers a run for its page. Memory grows by some 300 bytes a frame, pictures excepted, which are bounded.
 #[derive(Debug)]
@@ -28,6 +33,7 @@ pub struct Report {
     names: &'static MotionNames,
     samples: Vec<Sample>,
     stills: Stills,
+    clip: Clip,
     inside: Inside,
 }
 
@@ -64,6 +70,7 @@ impl Report {
             names: MotionNames::of(settings.pipeline.shutter.model),
             samples: Vec::new(),
             stills: Stills::new(),
+            clip: Clip::new(),
             inside: Inside::default(),
         }
     }
@@ -115,6 +122,7 @@ impl Observer for Report {
             None => 0.0,
         };
         self.stills.add(frame, output, shake);
+        self.clip.add(frame, output, shake);
         self.inside.add(frame);
         self.samples.push(sample);
     }

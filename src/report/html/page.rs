@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::plot::{Plot, Series, escaped};
-use super::{Report, Sample, inside};
+use super::{MAX_BYTES, Report, Sample, inside};
 use crate::config::{Settings, keys};
 use crate::frame::{Outcome, Stage};
 use crate::pipeline::{Params, Totals};
@@ -14,6 +14,11 @@ use crate::stage::shutter::{Known, Model, Parameters};
 type Of = fn(&Sample) -> [f64; 4];
 
 const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("player.js");
+/// Bytes of the player without its pictures.
+const PLAYER_BYTES: usize = 2000;
+/// The page loads nothing.
+const POLICY: &str = include_str!("policy.txt");
 
 /// What is known of the readout time, for a sentence.
 fn readout(report: &Report) -> String {
@@ -44,19 +49,22 @@ pub(super) fn html(report: &Report, totals: &Totals, stats: &Stats) -> String {
     let times: Vec<f64> = report.samples.iter().map(|sample| sample.time_ns.saturating_sub(start) as f64 / 1e9).collect();
     let title = format!("gimbald: {}", escaped(&report.input));
     let mut html = format!(
-        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\
-         <title>{title}</title>\n<style>\n{STYLE}</style>\n<h1>{title}</h1>\n"
+        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\
+         <meta http-equiv=Content-Security-Policy content=\"{POLICY}\"><title>{title}</title>\n<style>\n{STYLE}</style>\n<h1>{title}</h1>\n"
     );
     head(&mut html, report, totals, stats, &times);
     html.push_str("<h2>Before and after</h2>\n");
-    html.push_str(&report.stills.html(|index| times.get(index as usize).copied().unwrap_or(0.0)));
+    let player_at = html.len();
+    let time_of = |index| times.get(index as usize).copied().unwrap_or(0.0);
+    html.push_str(&report.stills.html(time_of));
     motion(&mut html, report, &times);
     inside::html(&mut html, report, &times);
     path(&mut html, report, &times);
     trust(&mut html, report, &times);
     cost(&mut html, report, stats, &times);
     settings(&mut html, &report.settings);
-    html.push_str("</html>\n");
+    let _ = write!(html, "<script>\n{SCRIPT}</script>\n</html>\n");
+    html.insert_str(player_at, &report.clip.html(MAX_BYTES.saturating_sub(html.len() + PLAYER_BYTES), time_of));
     html
 }
 
@@ -189,7 +197,9 @@ fn strip(html: &mut String, report: &Report, times: &[f64]) {
     const LENGTH: f64 = 786.0;
     let mut kinds: Vec<(Outcome, u64)> = Vec::new();
     let mut rects = String::new();
-    let count = report.samples.len().max(1) as f64;
+    let (from, to) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
+    let to = if to > from { to } else { from + 1.0 };
+    let place = |index: usize| LEFT + (times.get(index).copied().unwrap_or(to) - from) / (to - from) * LENGTH;
     let mut start = 0;
     for (index, sample) in report.samples.iter().enumerate() {
         match kinds.iter_mut().find(|(outcome, _)| *outcome == sample.outcome) {
@@ -202,7 +212,7 @@ fn strip(html: &mut String, report: &Report, times: &[f64]) {
                 Outcome::Held(_) => "held",
                 Outcome::PassedThrough(_) | Outcome::Pending => "passed",
             };
-            let (x, width) = (LEFT + start as f64 / count * LENGTH, ((index + 1 - start) as f64 / count * LENGTH).max(1.0));
+            let (x, width) = (place(start), (place(index + 1) - place(start)).max(1.0));
             let _ = write!(
                 rects,
                 "<rect class={class} x={x:.1} y=4 width={width:.1} height=18><title>{} from {:.2} s</title></rect>",
@@ -215,8 +225,9 @@ fn strip(html: &mut String, report: &Report, times: &[f64]) {
     let words: Vec<String> = kinds.iter().map(|(outcome, frames)| format!("{} {frames}", outcome_name(*outcome))).collect();
     let _ = writeln!(
         html,
-        "<figure><figcaption><b>Outcome of each frame</b> {}</figcaption><svg class=strip viewBox=\"0 0 860 26\">{rects}</svg></figure>",
-        words.join(", ")
+        "<figure><figcaption><b>Outcome of each frame</b> {}</figcaption><svg class=strip viewBox=\"0 0 860 26\" data-time=\"{from:.4} {to:.4} {LEFT} {}\">{rects}</svg></figure>",
+        words.join(", "),
+        LEFT + LENGTH,
     );
 }
 

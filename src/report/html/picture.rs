@@ -57,7 +57,7 @@ fn img(samples: &[u8], width: usize, height: usize, colour: ExtendedColorType, a
 }
 
 /// Bytes as RFC 4648 text.
-fn base64(bytes: &[u8]) -> String {
+pub(super) fn base64(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {
         let word = (0..3).fold(0u32, |word, i| word << 8 | u32::from(chunk.get(i).copied().unwrap_or(0)));

@@ -61,7 +61,15 @@ impl Plot<'_> {
         let end = if end > start { end } else { start + 1.0 };
         let x = |time: f64| LEFT + (time - start) / (end - start) * (WIDTH - LEFT - RIGHT);
         let y = |value: f64| TOP + (high - value) / (high - low) * (HEIGHT - TOP - BOTTOM);
-        let _ = write!(html, "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=img aria-label=\"{}\">", escaped(&self.title));
+        // What the script needs to read values off the lines.
+        let _ = write!(
+            html,
+            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=img aria-label=\"{}\" data-time=\"{start:.4} {end:.4} {LEFT} {}\" \
+             data-value=\"{low:.9} {high:.9} {TOP} {}\">",
+            escaped(&self.title),
+            WIDTH - RIGHT,
+            HEIGHT - BOTTOM,
+        );
         for (tick, label) in ticks(low, high, 5) {
             let _ = write!(html, "<path class=grid d=\"M{LEFT} {0:.1}H{1}\"/>", y(tick), WIDTH - RIGHT);
             let _ = write!(html, "<text x={:.1} y={:.1} class=y>{label}</text>", LEFT - 6.0, y(tick) + 4.0);
@@ -78,7 +86,13 @@ impl Plot<'_> {
             let _ = write!(html, "<text x={} y={:.1} class=\"unit end\">{name}</text>", WIDTH - RIGHT - 4.0, y(level) - 4.0);
         }
         for series in &self.series {
-            let _ = write!(html, "<path class=\"line {}\" d=\"{}\"/>", series.class, path(self.times, &series.values, x, y));
+            let _ = write!(
+                html,
+                "<path class=\"line {}\" data-name=\"{}\" d=\"{}\"/>",
+                series.class,
+                escaped(&series.label),
+                path(self.times, &series.values, x, y)
+            );
         }
         html.push_str("</svg>");
     }

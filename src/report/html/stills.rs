@@ -4,11 +4,15 @@
 use super::picture::{Rgb, grey_img};
 use crate::frame::Frame;
 use crate::image::{Picture, PictureRef, Plane, PlaneRef, Sampling};
+use crate::kernel::shrink::boxes;
+use crate::report::pair::reduced;
 
 /// Pairs that are kept; when they are full, every other one goes.
 const PAIRS: usize = 8;
 /// Pairs that are shown.
 const SHOWN: usize = 3;
+/// Maximum width of a picture in the page (pixels).
+const WIDEST: usize = 720;
 /// Frames whose middle lines are kept.
 const LINES: usize = 600;
 /// Frames that are laid over each other.
@@ -126,9 +130,14 @@ impl Stills {
         }
         if self.lined > 1 {
             let slice = |plane: &Plane, alt| {
-                PlaneRef::new(plane.samples(), self.lined, plane.height(), plane.width())
-                    .map(|part| grey_img(part, alt))
-                    .unwrap_or_default()
+                // Tall ones are reduced: only their height is shown smaller.
+                let down = plane.height().div_ceil(WIDEST);
+                let mut small: Plane = Plane::new(self.lined, plane.height() / down);
+                if let Some(part) = PlaneRef::new(plane.samples(), self.lined, plane.height(), plane.width()) {
+                    let rows = 0..small.height();
+                    boxes(part, (1, down), &mut small.as_mut(), rows);
+                }
+                grey_img(small.as_ref(), alt)
             };
             let note =
                 "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
@@ -148,7 +157,7 @@ impl Stills {
     }
 
     fn images(&self, pictures: &Pair<Picture>) -> Pair<String> {
-        [0, 1].map(|i| Rgb::of(pictures[i].as_ref()).img(["before", "after"][i]))
+        [0, 1].map(|i| Rgb::of(reduced(pictures[i].as_ref(), WIDEST).as_ref()).img(["before", "after"][i]))
     }
 }
 
