@@ -48,6 +48,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let config = &args.target.config;
     match &args.file {
         Some(path) => {
+            // A search reads it from the start again.
+            if path.as_os_str() == "-" || fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+                let what = format!(
+                    "{}: not a regular file; the page reads a recording more than once, so save it first",
+                    path.display()
+                );
+                return Err(Failure::new(Exit::Usage, what));
+            }
             let settings = SettingsArgs { config: config.clone(), set: args.set.clone() }.read()?;
             let recording = RecordingBackend::open(path, settings, config.clone())?;
             serve(args, &open_server()?, &recording, || recording.run(&stop), &stop)

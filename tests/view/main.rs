@@ -80,6 +80,15 @@ fn settings_are_written_into_the_configuration() {
 }
 
 #[test]
+fn a_pipe_is_refused_because_it_cannot_be_read_twice() {
+    for path in ["-", "/dev/null"] {
+        let ended = Command::new(env!("CARGO_BIN_EXE_gimbald")).args(["view", path, "--no-browser"]).output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert!(ended.status.code() == Some(64) && said.contains("not a regular file"), "{said}");
+    }
+}
+
+#[test]
 fn other_sites_and_users_are_refused() {
     let page = Page::open(&["view", CAR, "--no-browser"]);
     let host = format!("127.0.0.1:{}", page.port);
