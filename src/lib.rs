@@ -81,7 +81,7 @@
 //! | companion | `gimbald pipewire`: offers the pictures in a user's session |
 //! | page | `gimbald view`: shows input, output and settings in a browser |
 //! | placeholder | the picture that viewers see while there is none from the camera |
-//! | calibration | readout time and field of view of a camera |
+//! | calibration | readout time, field of view and lens distortion of a camera |
 
 pub mod command;
 pub mod companion;

@@ -135,12 +135,7 @@ impl Stabilizer {
             tracker: track::Tracker::new(params.track, level),
             features: Vec::with_capacity(2 * params.detect.points as usize),
             fitter: fit::Fitter::new(params.fit),
-            shutter: Shutter::new(
-                &params.shutter,
-                params.camera.readout_ms.scaled(1e-3),
-                params.camera.hfov_deg,
-                params.fit.seed,
-            ),
+            shutter: Shutter::new(&params.shutter, params.camera.optics(), params.fit.seed),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             presence: presence::Presence::new(params.enabled),

@@ -40,7 +40,8 @@ fn run(motion: Motion, fps: f64, hfov_deg: f64, readout: f64, models: &[shutter:
     let mut camera = Synthetic::new(&settings).unwrap();
     let shots = filmed(&mut camera);
     let see = |shutter: &shutter::Params| {
-        let camera = Camera { readout_ms: Known::Exactly(readout_ms), hfov_deg: Known::Exactly(hfov_deg) };
+        let camera =
+            Camera { readout_ms: Known::Exactly(readout_ms), hfov_deg: Known::Exactly(hfov_deg), lens_k1: Known::Exactly(0.0) };
         let params = Params { camera, shutter: *shutter, ..Params::default() };
         let (mut source, mut memory) = (Script::new(shots.clone()), Memory::default());
         let mut sink = NullSink::new(&source.format);

@@ -22,6 +22,7 @@ const SETS: &[&[&str]] = &[
     &["warp.filter=bilinear", "warp.filter=bicubic"],
     &["camera.readout_ms=-100", "camera.readout_ms=25", "camera.readout_ms=0"],
     &["camera.hfov_deg=170", "camera.hfov_deg=10", "camera.hfov_deg=60"],
+    &["camera.lens_k1=-0.35", "camera.lens_k1=0.35", "camera.lens_k1=0"],
     &["track.window=24", "track.window=8"],
     &["track.points=400"],
     &["stabilize.enabled=false"],

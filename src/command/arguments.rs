@@ -38,7 +38,7 @@ pub enum Command {
     Replay(replay::Args),
     /// Record a camera's raw frames to a file
     Record(record::Args),
-    /// Estimate a camera's readout time and field of view, from a recording or while you move the camera
+    /// Estimate a camera's readout time, field of view and lens distortion, from a recording or while you move the camera
     Calibrate(calibrate::Args),
     /// Benchmark this machine: processing time per frame, and the frame rates that it can sustain
     Bench(bench::Args),

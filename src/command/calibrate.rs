@@ -1,4 +1,4 @@
-//! `gimbald calibrate`: a camera's readout time and field of view, from footage that moves.
+//! `gimbald calibrate`: a camera's readout time, field of view and lens distortion, from footage that moves.
 //!
 //! The points of the whole footage are followed once; then the continuous model goes through them several times, from readout
 //! times all over the possible range, either sign: its equations hold near the truth only. The answer that leaves least of the
@@ -49,7 +49,7 @@ pub struct Args {
     /// Use at most N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
-    /// Settings for opening the camera; readout time and field of view are ignored
+    /// Settings for opening the camera; readout time, field of view and lens distortion are ignored
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -158,6 +158,10 @@ impl Found {
         certainty::known_hfov(&self.best.camera).filter(|_| self.readout().is_some())
     }
 
+    fn lens(&self) -> Option<Estimate> {
+        certainty::known_lens(&self.best.camera).filter(|_| self.hfov().is_some())
+    }
+
     /// Whether the frames' times are so uneven that they are worth a word.
     fn is_uneven(&self) -> bool {
         self.evenness.jitter_s > UNEVEN.0 * self.interval_s || self.evenness.doubt() > UNEVEN.1
@@ -195,6 +199,15 @@ impl Found {
         if let Some(Estimate { value, uncertainty }) = self.hfov() {
             let _ = writeln!(text, "field of view: {value:.1} ± {uncertainty:.1} degrees (horizontal)");
             let _ = writeln!(lines, "hfov_deg = {value:.1}");
+        }
+        if let Some(Estimate { value, uncertainty }) = self.lens() {
+            let kind = match value {
+                _ if value.abs() <= uncertainty => "not distinguishable from none",
+                _ if value < 0.0 => "barrel",
+                _ => "pincushion",
+            };
+            let _ = writeln!(text, "lens distortion: k1 {value:.3} ± {uncertainty:.3}, {kind}");
+            let _ = writeln!(lines, "lens_k1 = {value:.3}");
         }
         if is_whole {
             let _ = write!(text, "Add to the configuration:\n\n[camera]\n{lines}");

@@ -65,7 +65,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     film(&camera, &files.input, &stop)?;
 
     let known = &mut settings.pipeline.camera;
-    for (setting, truth) in [(&mut known.readout_ms, camera.readout_ms), (&mut known.hfov_deg, camera.hfov_deg)] {
+    for (setting, truth) in
+        [(&mut known.readout_ms, camera.readout_ms), (&mut known.hfov_deg, camera.hfov_deg), (&mut known.lens_k1, 0.0)]
+    {
         if *setting == Known::Nothing {
             *setting = Known::Exactly(truth);
         }

@@ -147,9 +147,16 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "camera.hfov_deg",
         unit: "degrees",
-        doc: "Horizontal field of view. \"auto\" estimates it.",
+        doc: "Horizontal field of view, by the focal length. \"auto\" estimates it; a given value is refined as long as camera.lens_k1 is \"auto\".",
         live: false,
         kind: known!(pipeline.camera.hfov_deg, 10.0 to 170.0),
+    },
+    Key {
+        name: "camera.lens_k1",
+        unit: "",
+        doc: "Radial distortion of the lens: negative for barrel distortion, 0 for none (division model, radius in half picture widths). The output keeps the look of the lens. \"auto\" estimates it.",
+        live: false,
+        kind: known!(pipeline.camera.lens_k1, -0.35 to 0.35),
     },
     Key {
         name: "track.points",

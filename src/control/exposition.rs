@@ -126,9 +126,10 @@ pub(super) fn text(status: &Status, metrics: &Metrics) -> String {
     text.gauge("tracks", "Tracked points in the newest frame.", status.tracks as f64);
     text.gauge("confidence_ratio", "Confidence in the motion of the newest frame, 0 to 1.", status.confidence);
     text.gauge("trust_ratio", "Weight of the correction, 0 to 1; changes slowly.", status.trust);
-    if let Some(Found { readout_ms, hfov_deg, .. }) = status.found {
+    if let Some(Found { readout_ms, hfov_deg, lens_k1, .. }) = status.found {
         text.gauge("readout_seconds", "Estimated or configured readout time of the camera.", readout_ms / 1e3);
         text.gauge("field_of_view_degrees", "Estimated or configured horizontal field of view of the camera.", hfov_deg);
+        text.gauge("lens_k1", "Estimated or configured radial distortion of the lens, k1 of the division model.", lens_k1);
     }
     text.0
 }

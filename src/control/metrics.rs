@@ -90,7 +90,7 @@ pub struct Metrics {
     tracks: AtomicU64,
     confidence: AtomicU64,
     trust: AtomicU64,
-    calibration: [AtomicU64; 4],
+    calibration: [AtomicU64; 6],
     now: Mutex<Current>,
 }
 
@@ -212,8 +212,9 @@ impl Metrics {
         self.tracks.store(u64::from(context.fit.tracks), Relaxed);
         store(&self.confidence, context.fit.confidence);
         store(&self.trust, context.trust);
-        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg } = context.calibration;
-        let found = [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg];
+        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation } =
+            context.calibration;
+        let found = [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation];
         self.calibration.iter().zip(found).for_each(|(kept, number)| store(kept, number));
     }
 
@@ -241,9 +242,9 @@ impl Metrics {
     /// What the newest frame says of the camera; all 0 where no camera is open. Its numbers are not read as one, but they move
     /// slowly: a few that are a frame older than the rest do no harm.
     pub fn calibration(&self) -> Calibration {
-        let [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg] =
-            [0, 1, 2, 3].map(|i: usize| load(&self.calibration[i]));
-        Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg }
+        let [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation] =
+            std::array::from_fn(|i| load(&self.calibration[i]));
+        Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation }
     }
 
     /// What the daemon is doing, with a sentence for people.
@@ -332,12 +333,15 @@ impl Metrics {
         status.cameras_opened = of(&self.cameras);
         (status.inliers, status.tracks) = (of(&self.inliers), of(&self.tracks));
         (status.confidence, status.trust) = (load(&self.confidence), load(&self.trust));
-        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg } = self.calibration();
+        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation } =
+            self.calibration();
         status.found = (hfov_deg > 0.0).then_some(super::Found {
             readout_ms: 1e3 * readout_s,
             readout_deviation_ms: 1e3 * readout_deviation_s,
             hfov_deg,
             hfov_deviation_deg,
+            lens_k1,
+            lens_k1_deviation,
         });
     }
 

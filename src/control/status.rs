@@ -215,6 +215,10 @@ pub struct Found {
     pub hfov_deg: f64,
     /// Its standard deviation.
     pub hfov_deviation_deg: f64,
+    /// The lens's radial distortion k1.
+    pub lens_k1: f64,
+    /// Its standard deviation.
+    pub lens_k1_deviation: f64,
 }
 
 /// A length of time as people say it.
@@ -324,14 +328,20 @@ impl Status {
         let Self { inliers, tracks, confidence, trust, .. } = self;
         let motion = format!("{inliers} of {tracks} points are inliers, confidence {confidence:.2}, trust {trust:.2}");
         lines.push(("motion", motion));
-        if let Some(Found { readout_ms, readout_deviation_ms, hfov_deg, hfov_deviation_deg }) = self.found {
+        if let Some(Found { readout_ms, readout_deviation_ms, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation }) =
+            self.found
+        {
             let known = |value: f64, deviation: f64, unit: &str| match deviation {
                 0.0 => format!("{value:.1} {unit} (configured)"),
                 _ => format!("{value:.1} ± {deviation:.1} {unit}"),
             };
             let (readout, hfov) =
                 (known(readout_ms, readout_deviation_ms, "ms"), known(hfov_deg, hfov_deviation_deg, "degrees"));
-            lines.push(("calibration", format!("readout {readout}, field of view {hfov}")));
+            let lens = match lens_k1_deviation {
+                0.0 => format!("{lens_k1:.3} (configured)"),
+                _ => format!("{lens_k1:.3} ± {lens_k1_deviation:.3}"),
+            };
+            lines.push(("calibration", format!("readout {readout}, field of view {hfov}, lens k1 {lens}")));
         }
         if !self.restart.is_empty() {
             lines.push(("restart", format!("required to apply {}", self.restart.join(", "))));

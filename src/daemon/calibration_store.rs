@@ -22,10 +22,10 @@ const EVERY: Duration = Duration::from_secs(60);
 const MOST_CAMERAS: usize = 32;
 /// Standard deviations in an uncertainty, where it becomes a start: what is known begins doubted, since lenses are exchanged.
 const DOUBT: f64 = 2.0;
-/// Least standard deviation of a start (ms; degrees).
-const FLOOR: (f64, f64) = (0.3, 0.5);
-/// The values that the settings accept too (ms; degrees).
-const RANGES: ((f64, f64), (f64, f64)) = ((-100.0, 100.0), (10.0, 170.0));
+/// Least standard deviation of a start (ms; degrees; k1).
+const FLOOR: (f64, f64, f64) = (0.3, 0.5, 0.01);
+/// The values that the settings accept too (ms; degrees; k1).
+const RANGES: [(f64, f64); 3] = [(-100.0, 100.0), (10.0, 170.0), (-0.35, 0.35)];
 const HEAD: &str = "# Camera calibrations estimated by gimbald, by camera and mode; used where the configuration says \"auto\".\n\
                     # To estimate a camera again, delete its [[camera]] entry or this file.\n\n";
 
@@ -51,6 +51,8 @@ struct Entry {
     readout_ms: Option<Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     hfov_deg: Option<Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lens_k1: Option<Value>,
 }
 
 /// A value, and how far the truth may be from it.
@@ -168,17 +170,21 @@ impl CalibrationStore {
         let mut start = camera;
         if let Some(at) = state.entries.iter().position(|held| held.entry.mode == mode) {
             let held = state.entries.remove(at);
-            let Entry { readout_ms, hfov_deg, .. } = held.entry;
+            let Entry { readout_ms, hfov_deg, lens_k1, .. } = held.entry;
             if let (Known::Nothing, Some(readout)) = (camera.readout_ms, readout_ms) {
                 start.readout_ms = readout.start(FLOOR.0);
             }
             if let (Known::Nothing, Some(hfov)) = (camera.hfov_deg, hfov_deg) {
                 start.hfov_deg = hfov.start(FLOOR.1);
             }
+            if let (Known::Nothing, Some(lens)) = (camera.lens_k1, lens_k1) {
+                start.lens_k1 = lens.start(FLOOR.2);
+            }
             state.entries.push(Held { used: true, ..held });
         }
         if start != camera {
-            tracing::info!(readout_ms = %start.readout_ms, hfov_deg = %start.hfov_deg, "loaded saved calibration");
+            let lens_k1 = format_args!("{:.3}", start.lens_k1);
+            tracing::info!(readout_ms = %start.readout_ms, hfov_deg = %start.hfov_deg, %lens_k1, "loaded saved calibration");
         }
         state.current = Some(mode);
         start
@@ -244,21 +250,24 @@ impl State {
         let Some(mode) = self.current.clone() else { return };
         let readout = certainty::known_readout(found, mode.interval_s()).map(|estimate| Value::new(estimate, 1e3));
         // what would be refused when it is read is not kept
-        let readout = readout.filter(|value| value.fits(RANGES.0));
+        let readout = readout.filter(|value| value.fits(RANGES[0]));
         let hfov = certainty::known_hfov(found).map(|estimate| Value::new(estimate, 1.0));
-        let hfov = hfov.filter(|value| value.fits(RANGES.1));
-        if readout.is_none() && hfov.is_none() {
+        let hfov = hfov.filter(|value| value.fits(RANGES[1]));
+        let lens = certainty::known_lens(found).map(|estimate| Value::new(estimate, 1.0));
+        let lens = lens.filter(|value| value.fits(RANGES[2]));
+        let news = [readout, hfov, lens];
+        if news == [None; 3] {
             return;
         }
         let at = self.entries.iter().position(|held| held.entry.mode == mode).unwrap_or_else(|| {
             if self.entries.len() >= MOST_CAMERAS {
                 self.entries.remove(0);
             }
-            self.entries.push(Held::as_read(Entry { mode, readout_ms: None, hfov_deg: None }));
+            self.entries.push(Held::as_read(Entry { mode, readout_ms: None, hfov_deg: None, lens_k1: None }));
             self.entries.len() - 1
         });
         let Held { entry, used, changed } = &mut self.entries[at];
-        for (kept, new) in [(&mut entry.readout_ms, readout), (&mut entry.hfov_deg, hfov)] {
+        for (kept, new) in [&mut entry.readout_ms, &mut entry.hfov_deg, &mut entry.lens_k1].into_iter().zip(news) {
             let Some(new) = new else { continue };
             if kept.is_none_or(|kept| kept.told_by(&new)) {
                 *kept = Some(new);
@@ -285,9 +294,8 @@ fn entries_of(text: Option<String>) -> Result<Vec<Entry>, Unusable> {
     let damaged = |what: String| Unusable::Damaged(what);
     let mut content: Content = toml::from_str(&text).map_err(|error| damaged(format!("invalid: {}", error.message())))?;
     for entry in &content.camera {
-        let fits = entry.readout_ms.is_none_or(|value| value.fits(RANGES.0))
-            && entry.hfov_deg.is_none_or(|value| value.fits(RANGES.1));
-        if !fits {
+        let values = [entry.readout_ms, entry.hfov_deg, entry.lens_k1];
+        if !values.iter().zip(RANGES).all(|(value, range)| value.is_none_or(|value| value.fits(range))) {
             return Err(damaged(format!("a value of {:?} is out of range", entry.mode.name)));
         }
     }
@@ -310,11 +318,17 @@ pub fn fuzz(text: &str) {
     let state = State { entries: Vec::new(), current: None, since: Instant::now(), failed: false };
     let store = CalibrationStore { file: None, state: Mutex::new(state) };
     store.state().entries = entries.iter().cloned().map(Held::as_read).collect();
-    let (readout, hfov) = ((-0.0251, 8e-5), (61.2, 0.1));
+    let (readout, hfov, lens) = ((-0.0251, 8e-5), (61.2, 0.1), (-0.08, 0.004));
     for entry in &entries {
         let _ = (store.latest(), store.begin(entry.mode.clone(), Camera::default()));
-        let found =
-            Calibration { readout_s: readout.0, readout_deviation_s: readout.1, hfov_deg: hfov.0, hfov_deviation_deg: hfov.1 };
+        let found = Calibration {
+            readout_s: readout.0,
+            readout_deviation_s: readout.1,
+            hfov_deg: hfov.0,
+            hfov_deviation_deg: hfov.1,
+            lens_k1: lens.0,
+            lens_k1_deviation: lens.1,
+        };
         store.end(&found);
     }
     let merged = merge(entries, &store.state().entries);
@@ -350,10 +364,22 @@ mod tests {
         CameraMode { name: name.into(), bus: "usb-1".into(), format: "MJPEG".into(), width: 640, height: 480, fps: 30.0 }
     }
 
-    const SURE: Calibration =
-        Calibration { readout_s: -0.0251, readout_deviation_s: 8e-5, hfov_deg: 61.2, hfov_deviation_deg: 0.1 };
-    const VAGUE: Calibration =
-        Calibration { readout_s: 0.025, readout_deviation_s: 8e-3, hfov_deg: 60.0, hfov_deviation_deg: 15.0 };
+    const SURE: Calibration = Calibration {
+        readout_s: -0.0251,
+        readout_deviation_s: 8e-5,
+        hfov_deg: 61.2,
+        hfov_deviation_deg: 0.1,
+        lens_k1: -0.08,
+        lens_k1_deviation: 0.004,
+    };
+    const VAGUE: Calibration = Calibration {
+        readout_s: 0.025,
+        readout_deviation_s: 8e-3,
+        hfov_deg: 60.0,
+        hfov_deviation_deg: 15.0,
+        lens_k1: 0.0,
+        lens_k1_deviation: 0.1,
+    };
 
     #[test]
     fn what_was_found_is_known_after_a_restart_for_the_same_camera_and_mode() {
@@ -374,7 +400,8 @@ mod tests {
         assert_eq!((readout_ms, hfov_deg), (-25.1, 61.2));
         // wider than the filter's own, but still worth something
         assert!((0.3..1.0).contains(&readout_off) && (0.5..1.0).contains(&hfov_off), "{start:?}");
-        let given = Camera { readout_ms: Known::Exactly(20.0), hfov_deg: Known::Nothing };
+        assert!(matches!(start.lens_k1, Known::About(k1, off) if k1 == -0.08 && off >= 0.01), "{start:?}");
+        let given = Camera { readout_ms: Known::Exactly(20.0), ..Camera::default() };
         let mixed = store.begin(mode("A \"quoted\" name"), given);
         assert_eq!((mixed.readout_ms, mixed.hfov_deg), (Known::Exactly(20.0), start.hfov_deg));
         for other in [
@@ -389,7 +416,7 @@ mod tests {
     #[test]
     fn what_is_vague_or_was_given_is_not_kept_and_does_not_overwrite() {
         let scratch = Scratch::new();
-        let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, ..SURE };
+        let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, lens_k1_deviation: 0.0, ..SURE };
         let store = CalibrationStore::open(Some(scratch.path()));
         for nothing in [VAGUE, given, Calibration::default()] {
             store.begin(mode("A"), Camera::default());

@@ -71,7 +71,10 @@ pub enum OutputMap {
     Projective(Homography),
     /// A homography to the frame as it would be had all rows the pose of the reference time, then each row's own motion.
     Rows {
-        /// Output pixel to the frame at its reference time.
+        /// Where the lens bends: output pixel to the virtual camera's picture, which is bent in the same way. Not used otherwise.
+        window: Homography,
+        /// From there to the frame at its reference time, both as a pinhole would show them ([`Pinhole::straight`]). Where the lens bends
+        /// nothing, from the output pixel.
         view: Homography,
         /// The camera.
         camera: Pinhole,
@@ -96,15 +99,17 @@ impl OutputMap {
     pub fn apply(&self, pixel: [f64; 2]) -> [f64; 2] {
         match self {
             Self::Projective(h) => h.apply(pixel),
-            Self::Rows { view, camera, rows } => {
-                let at_reference = view.apply(pixel);
+            Self::Rows { window, view, camera, rows } => {
+                let at_reference = match camera.bend == 0.0 {
+                    true => view.apply(pixel),
+                    false => camera.bent(view.apply(camera.straight(window.apply(pixel)))),
+                };
                 let mut seen = at_reference;
                 for _ in 0..ROUNDS {
                     let pose = rows.at(seen[1]);
                     let middle = [0.5 * (at_reference[0] + seen[0]), 0.5 * (at_reference[1] + seen[1])];
-                    let [dx, dy] = camera.derivative(middle);
-                    let dot = |d: Pose| d[0] * pose[0] + d[1] * pose[1] + d[2] * pose[2] + d[3] * pose[3];
-                    seen = [at_reference[0] + dot(dx), at_reference[1] + dot(dy)];
+                    let moved = camera.moved(middle, &pose);
+                    seen = [at_reference[0] + moved[0], at_reference[1] + moved[1]];
                 }
                 seen
             }
@@ -118,21 +123,23 @@ mod tests {
 
     #[test]
     fn the_row_that_saw_a_point_is_found() {
-        let camera = Pinhole::new([640, 480], 49.0);
         let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
         for (i, pose) in rows.samples.iter_mut().enumerate() {
             let t = i as f64 / 24.0 - 0.5;
             *pose = [0.02 * t, 0.015 * t * t, 0.01 * t, 0.003 * t];
         }
-        let map = OutputMap::Rows { view: Homography::IDENTITY, camera, rows };
-        for y in (0..480).step_by(53) {
-            for x in (0..640).step_by(71) {
-                let pixel = [f64::from(x), f64::from(y)];
-                let seen = map.apply(pixel);
-                // the exact motion of that row leads from the pixel to where it was seen
-                let exact = camera.turned(rows.at(seen[1])).apply(pixel);
-                let off = (exact[0] - seen[0]).hypot(exact[1] - seen[1]);
-                assert!(off < 0.01, "{pixel:?}: {off} px");
+        for k1 in [0.0, -0.15] {
+            let camera = Pinhole::new([640, 480], 49.0).with_lens(k1, 640);
+            let map = OutputMap::Rows { window: Homography::IDENTITY, view: Homography::IDENTITY, camera, rows };
+            for y in (0..480).step_by(53) {
+                for x in (0..640).step_by(71) {
+                    let pixel = [f64::from(x), f64::from(y)];
+                    let seen = map.apply(pixel);
+                    // the exact motion of that row leads from the pixel to where it was seen
+                    let exact = camera.bent(camera.turned(rows.at(seen[1])).apply(camera.straight(pixel)));
+                    let off = (exact[0] - seen[0]).hypot(exact[1] - seen[1]);
+                    assert!(off < 0.02, "{k1} {pixel:?}: {off} px");
+                }
             }
         }
     }

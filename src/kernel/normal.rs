@@ -14,8 +14,10 @@ pub const POINTS: usize = CURVE + 2;
 pub const CURVE: usize = 8;
 /// Pairs of them, (p, q) with q <= p, p by p.
 pub const PAIRS: usize = POINTS * (POINTS + 1) / 2;
-/// Numbers that are summed side by side.
+/// Numbers that are summed side by side for each pair of points.
 pub const WIDE: usize = 12;
+/// Numbers that are summed side by side for each point.
+pub const BROAD: usize = 16;
 /// Measurements that are summed before the sums are touched.
 const AT_ONCE: usize = 4;
 
@@ -29,7 +31,7 @@ pub struct Measurements<'a> {
     /// What is summed for each pair of points.
     pub paired: &'a [[f64; WIDE]],
     /// What is summed for each point.
-    pub single: &'a [[f64; WIDE]],
+    pub single: &'a [[f64; BROAD]],
 }
 
 /// The sums.
@@ -38,12 +40,12 @@ pub struct Sums {
     /// Of `scale * weights[p] * weights[q] * paired`.
     pub paired: [[f64; WIDE]; PAIRS],
     /// Of `scale * weights[p] * single`.
-    pub single: [[f64; WIDE]; POINTS],
+    pub single: [[f64; BROAD]; POINTS],
 }
 
 impl Default for Sums {
     fn default() -> Self {
-        Self { paired: [[0.0; WIDE]; PAIRS], single: [[0.0; WIDE]; POINTS] }
+        Self { paired: [[0.0; WIDE]; PAIRS], single: [[0.0; BROAD]; POINTS] }
     }
 }
 
@@ -71,7 +73,7 @@ fn some(
     scale: &[f64],
     weights: &[[f64; POINTS]],
     paired: &[[f64; WIDE]],
-    single: &[[f64; WIDE]],
+    single: &[[f64; BROAD]],
     count: usize,
     sums: &mut Sums,
 ) {
@@ -79,7 +81,7 @@ fn some(
     let last = count - 1;
     let weights: [&[f64; POINTS]; AT_ONCE] = std::array::from_fn(|m| &weights[m.min(last)]);
     let paired: [&[f64; WIDE]; AT_ONCE] = std::array::from_fn(|m| &paired[m.min(last)]);
-    let single: [&[f64; WIDE]; AT_ONCE] = std::array::from_fn(|m| &single[m.min(last)]);
+    let single: [&[f64; BROAD]; AT_ONCE] = std::array::from_fn(|m| &single[m.min(last)]);
     let scale: [f64; AT_ONCE] = std::array::from_fn(|m| if m < count { scale[m] } else { 0.0 });
     let mut pair = 0;
     for p in 0..POINTS {
@@ -94,8 +96,8 @@ fn some(
 }
 
 #[inline(always)]
-fn mix(scale: &[f64; AT_ONCE], rows: &[&[f64; WIDE]; AT_ONCE], sum: &mut [f64; WIDE]) {
-    for k in 0..WIDE {
+fn mix<const M: usize>(scale: &[f64; AT_ONCE], rows: &[&[f64; M]; AT_ONCE], sum: &mut [f64; M]) {
+    for k in 0..M {
         sum[k] += (scale[0] * rows[0][k] + scale[1] * rows[1][k]) + (scale[2] * rows[2][k] + scale[3] * rows[3][k]);
     }
 }
@@ -169,7 +171,7 @@ mod tests {
             assert!(found.windows(2).all(|pair| pair[0].paired == pair[1].paired && pair[0].single == pair[1].single));
             let mut pair = 0;
             for p in 0..POINTS {
-                for k in 0..WIDE {
+                for k in 0..BROAD {
                     let wanted: f64 = (0..count).map(|m| scale[m] * weights[m][p] * single[m][k]).sum();
                     assert!((found[0].single[p][k] - wanted).abs() < 1e-12);
                 }

@@ -8,8 +8,17 @@ use crate::stage::{crop, detect, fit, shutter, smooth, track, warp};
 pub struct Camera {
     /// Time from the exposure of the first row to that of the last (milliseconds, -100 to 100; negative: bottom to top).
     pub readout_ms: Known,
-    /// Horizontal field of view (degrees, 10 to 170).
+    /// Horizontal field of view (degrees, 10 to 170), as the focal length gives it where the lens does not bend.
     pub hfov_deg: Known,
+    /// The lens's radial distortion, k1 of [`crate::geometry::Pinhole`] (-0.35 to 0.35).
+    pub lens_k1: Known,
+}
+
+impl Camera {
+    /// The same, as the shutter's models take it.
+    pub fn optics(&self) -> shutter::Optics {
+        shutter::Optics { readout_s: self.readout_ms.scaled(1e-3), hfov_deg: self.hfov_deg, lens_k1: self.lens_k1 }
+    }
 }
 
 /// Settings of every stage.

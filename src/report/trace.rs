@@ -12,8 +12,8 @@ use crate::stage::shutter::Model;
 /// Writes the trace. Columns: `index` (frames drawn before), `sequence` (the source's), `time_s` (after the first frame, s),
 /// `interval_s`, `h1` to `h9` (homography from the frame before, pixels), the model's parameters of the motion since the
 /// frame before, of the camera's path and of the virtual camera's (cho2007: `a c d`, `U_a U_c U_d`, `S_a S_c S_d`),
-/// `inliers`, `tracks`, `confidence`, `trust`, `crop_use` (0 to 1), `readout_ms`, `hfov_deg` (what is believed of the camera at
-/// this frame; empty where the model does not find it out), `outcome`.
+/// `inliers`, `tracks`, `confidence`, `trust`, `crop_use` (0 to 1), `readout_ms`, `hfov_deg`, `lens_k1` (what is believed of the
+/// camera at this frame; empty where the model does not estimate it), `outcome`.
 #[derive(Debug)]
 pub struct Trace<W: Write> {
     to: W,
@@ -37,7 +37,7 @@ impl<W: Write> Trace<W> {
         for path in [names.path, names.smoothed] {
             names.axes.iter().try_for_each(|axis| write!(to, ",{path}_{}", axis.name))?;
         }
-        writeln!(to, ",inliers,tracks,confidence,trust,crop_use,readout_ms,hfov_deg,outcome")?;
+        writeln!(to, ",inliers,tracks,confidence,trust,crop_use,readout_ms,hfov_deg,lens_k1,outcome")?;
         Ok(Self { to, axes: names.axes.len(), index: 0, start_ns: None, failed: None, stop })
     }
 
@@ -68,8 +68,8 @@ impl<W: Write> Trace<W> {
         write!(to, ",{}", context.crop_use)?;
         let camera = &context.calibration;
         match camera.hfov_deg > 0.0 {
-            true => write!(to, ",{},{}", 1e3 * camera.readout_s, camera.hfov_deg)?,
-            false => write!(to, ",,")?,
+            true => write!(to, ",{},{},{}", 1e3 * camera.readout_s, camera.hfov_deg, camera.lens_k1)?,
+            false => write!(to, ",,,")?,
         }
         writeln!(to, ",{}", outcome_name(context.outcome))
     }
@@ -102,17 +102,19 @@ mod tests {
             frame.context.motion = [1.001, -2.5, 0.25, 0.0];
             frame.context.calibration.hfov_deg = if time_ns > 5_000_000_000 { 48.5 } else { 0.0 };
             frame.context.calibration.readout_s = -0.025;
+            frame.context.calibration.lens_k1 = -0.06;
             trace.drawn(&frame, Picture::default().as_ref());
         }
         trace.finish().unwrap();
         let text = String::from_utf8(bytes).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows.len(), 3);
-        assert!(rows.iter().all(|row| row.len() == 30), "{text}");
+        assert!(rows.iter().all(|row| row.len() == 31), "{text}");
         let column = |name| rows[0].iter().position(|head| *head == name).unwrap();
         assert_eq!((rows[2][column("index")], rows[2][column("time_s")]), ("1", "0.04"));
         assert_eq!((rows[1][column("readout_ms")], rows[1][column("hfov_deg")]), ("", ""));
         assert_eq!((rows[2][column("readout_ms")], rows[2][column("hfov_deg")]), ("-25", "48.5"));
+        assert_eq!((rows[1][column("lens_k1")], rows[2][column("lens_k1")]), ("", "-0.06"));
         assert_eq!((rows[2][column("c")], rows[2][column("h9")], rows[2][column("outcome")]), ("-2.5", "1", "pending"));
     }
 

@@ -353,8 +353,12 @@ mod tests {
             let t = i as f64 / 24.0 - 0.5;
             *pose = [0.006 * t, 0.004 * t, 0.003 * t, 0.0];
         }
-        let map =
-            |e: Pose| OutputMap::Rows { view: Homography(camera.turned(e.map(|x| -x)).0 * view.0).scaled(), camera, rows };
+        let map = |e: Pose| OutputMap::Rows {
+            window: Homography::IDENTITY,
+            view: Homography(camera.turned(e.map(|x| -x)).0 * view.0).scaled(),
+            camera,
+            rows,
+        };
         for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]] {
             let room = window.room(&view, near, map);
             for c in 0..4 {

@@ -168,6 +168,7 @@ impl RecordingBackend {
             let camera = &mut params.camera;
             camera.hfov_deg = known(camera.hfov_deg, estimated.hfov_deg, estimated.hfov_deviation_deg);
             camera.readout_ms = known(camera.readout_ms, 1e3 * estimated.readout_s, 1e3 * estimated.readout_deviation_s);
+            camera.lens_k1 = known(camera.lens_k1, estimated.lens_k1, estimated.lens_k1_deviation);
         }
         params
     }

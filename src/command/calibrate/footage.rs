@@ -16,8 +16,8 @@ pub(super) const LEAST_MOTION_PX: f64 = 0.65;
 /// Readout times from which the search begins (frame intervals): the equations lead to the truth from within a third, and
 /// astray from farther away.
 const STARTS: [f64; 7] = [0.75, 0.4, 0.15, 0.0, -0.15, -0.4, -0.75];
-/// Standard deviations with which each start is given (frame intervals; degrees).
-const SPREAD: (f64, f64) = (0.25, 15.0);
+/// Standard deviations with which each start is given (frame intervals; degrees; k1).
+const SPREAD: (f64, f64, f64) = (0.25, 15.0, 0.1);
 /// Distance at which a track stops counting against an answer, about (pixels).
 const SCALE_PX: f64 = 0.5;
 /// Maximum number of refinements of an answer; fewer where it moves by less than [`SETTLED`] of its deviation.
@@ -125,6 +125,7 @@ impl Footage {
         let starts = STARTS.map(|part| Camera {
             readout_ms: Known::About(1e3 * part * interval_s, 1e3 * SPREAD.0 * interval_s),
             hfov_deg: Known::Nothing,
+            lens_k1: Known::Nothing,
         });
         let mut answers: Vec<Answer> =
             starts.into_iter().chain(start.map(|camera| self.about(camera))).map(|start| self.answer(start)).collect();
@@ -145,6 +146,7 @@ impl Footage {
             let now = &answer.camera;
             if !moved(now.readout_s, before.readout_s, now.readout_deviation_s)
                 && !moved(now.hfov_deg, before.hfov_deg, now.hfov_deviation_deg)
+                && !moved(now.lens_k1, before.lens_k1, now.lens_k1_deviation)
             {
                 break;
             }
@@ -157,13 +159,14 @@ impl Footage {
         Camera {
             readout_ms: Known::About(1e3 * camera.readout_s, 1e3 * SPREAD.0 * self.interval_s()),
             hfov_deg: Known::About(camera.hfov_deg, SPREAD.1),
+            lens_k1: Known::About(camera.lens_k1, SPREAD.2),
         }
     }
 
     /// Goes through the footage with a model that knows the camera as `start` says.
     fn answer(&self, start: Camera) -> Answer {
         let params = shutter::Params { model: Model::Continuous, ..shutter::Params::default() };
-        let mut model = Shutter::new(&params, start.readout_ms.scaled(1e-3), start.hfov_deg, 1);
+        let mut model = Shutter::new(&params, start.optics(), 1);
         model.begin(self.size);
         let mut tracks = Vec::new();
         let (mut misfit, mut count) = (0.0, 0usize);

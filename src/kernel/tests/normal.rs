@@ -2,7 +2,7 @@
 
 use super::{Edge, Fenced, MOST, Random};
 use crate::kernel::Level;
-use crate::kernel::normal::{CURVE, Measurements, POINTS, Sums, WIDE, add, evaluate};
+use crate::kernel::normal::{BROAD, CURVE, Measurements, POINTS, Sums, WIDE, add, evaluate};
 
 fn number(random: &mut Random) -> f64 {
     random.of(&[0.0, -0.0, 1.0, -3.5, 1e-300, 1e300, f64::INFINITY, f64::NAN])
@@ -18,7 +18,7 @@ fn sums_stay_in_their_slices() {
     let mut random = Random(7);
     let mut scale = Fenced::<f64>::new(MOST);
     let (mut weights, mut rates) = (Fenced::<[f64; POINTS]>::new(MOST), Fenced::<[f64; CURVE]>::new(MOST));
-    let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MOST), Fenced::<[f64; WIDE]>::new(MOST));
+    let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MOST), Fenced::<[f64; BROAD]>::new(MOST));
     let mut said = Fenced::<[f64; WIDE]>::new(MOST);
     for (count, edge) in (0..=MOST).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
         let weights = &*weights.filled(edge, count, |_| std::array::from_fn(|_| number(&mut random)));

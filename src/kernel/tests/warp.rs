@@ -2,7 +2,9 @@
 
 use super::{Edge, Fenced, MOST, Random, Shape};
 use crate::kernel::Level;
-use crate::kernel::warp::{Axis, Between, Cells, FURTHEST, Filter, Mesh, ONE, Outside, RowTable, TABLE, lines, nodes, row};
+use crate::kernel::warp::{
+    Axis, Between, Cells, FURTHEST, Filter, Lens, Mesh, ONE, Outside, RowTable, TABLE, lines, nodes, row,
+};
 
 /// Starts and steps at which fixed point or the limits of a fast path end.
 const EXTREMES: [i32; 16] = [
@@ -144,8 +146,13 @@ fn nodes_and_lines_stay_in_their_slices() {
             let (base, growth) = (table(&mut random), table(&mut random));
             let [per_row, focal, x, y] = std::array::from_fn(|_| random.of(&extremes) as f32);
             let stretches = random.of(&[0, 1, 24, TABLE, usize::MAX]);
-            let rows = RowTable { base, growth, stretches, per_row, focal, centre: [x, y] };
-            let mesh = Mesh { view, rows: (count % 2 == 0).then_some(rows) };
+            let rows = RowTable { base, growth, stretches, per_row, focal, centre: [x, y], bend: random.of(&extremes) as f32 };
+            let lens = Lens {
+                window: std::array::from_fn(|_| random.of(&extremes)),
+                centre: [random.of(&extremes), random.of(&extremes)],
+                bend: random.of(&extremes),
+            };
+            let mesh = Mesh { view, lens: (count % 3 == 0).then_some(lens), rows: (count % 2 == 0).then_some(rows) };
             let mut first: Option<[Vec<i32>; 2]> = None;
             for level in Level::all() {
                 let [above, below, xs, ys] = room.each_mut().map(|room| &mut *room);

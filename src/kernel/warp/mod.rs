@@ -12,7 +12,7 @@ mod octets;
 
 use cells::Line;
 pub use cells::{Axis, Between, Cells, FURTHEST, Filter, Outside, lines};
-pub use nodes::{Mesh, RowTable, TABLE, nodes};
+pub use nodes::{Lens, Mesh, RowTable, TABLE, nodes};
 
 use super::Level;
 use crate::image::PlaneRef;

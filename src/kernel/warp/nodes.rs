@@ -14,10 +14,24 @@ const ROUNDS: usize = 3;
 /// The map of a mesh: a homography (row by row), and how rows move.
 #[derive(Clone, Debug)]
 pub struct Mesh {
-    /// Takes output pixels to the frame at its reference time.
+    /// Takes output pixels to the frame at its reference time; with a lens, what a pinhole would show of the one to what it would show of
+    /// the other.
     pub view: [f64; 9],
+    /// The lens; `None` where it bends nothing.
+    pub lens: Option<Lens>,
     /// Rows' motion; `None` where they have none.
     pub rows: Option<RowTable>,
+}
+
+/// A lens that bends: what is seen at p from its centre, a pinhole would show at p / (1 + bend |p|^2).
+#[derive(Clone, Debug)]
+pub struct Lens {
+    /// Takes output pixels to a picture of this lens (row by row).
+    pub window: [f64; 9],
+    /// Its centre, pixels.
+    pub centre: [f64; 2],
+    /// 1 / pixels^2.
+    pub bend: f64,
 }
 
 /// Motion of rows: yaw, pitch, roll and log zoom of a pinhole camera, on straight lines from sample to sample.
@@ -35,6 +49,8 @@ pub struct RowTable {
     pub focal: f32,
     /// Principal point, pixels.
     pub centre: [f32; 2],
+    /// What the lens bends ([`Lens::bend`]).
+    pub bend: f32,
 }
 
 /// Finds the nodes of the mesh's row at output row `y`: every 2^`wide_bits` pixels one, input pixels in 16.16 fixed point, rounded
@@ -45,15 +61,19 @@ pub fn nodes(level: Level, mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], 
 
 #[inline(always)]
 fn nodes_body(mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32]) {
-    let [a, b, c, d, e, f, g, h, i] = mesh.view;
     let wide = f64::from(1u32 << wide_bits);
     for (n, (xs, ys)) in xs.chunks_mut(CHUNK).zip(ys.chunks_mut(CHUNK)).enumerate() {
-        let (mut at_x, mut at_y) = ([0.0f64; CHUNK], [0.0f64; CHUNK]);
+        let (mut at_x, mut at_y) = ([0.0f64; CHUNK], [y; CHUNK]);
         for k in 0..CHUNK {
-            let x = (n * CHUNK + k) as f64 * wide;
-            let w = g * x + h * y + i;
-            at_x[k] = (a * x + b * y + c) / w;
-            at_y[k] = (d * x + e * y + f) / w;
+            at_x[k] = (n * CHUNK + k) as f64 * wide;
+        }
+        if let Some(lens) = &mesh.lens {
+            project(&lens.window, &mut at_x, &mut at_y);
+            straighten(lens, &mut at_x, &mut at_y);
+        }
+        project(&mesh.view, &mut at_x, &mut at_y);
+        if let Some(lens) = &mesh.lens {
+            bend(lens, &mut at_x, &mut at_y);
         }
         let (mut moved_x, mut moved_y) = ([0.0f32; CHUNK], [0.0f32; CHUNK]);
         if let Some(rows) = &mesh.rows {
@@ -67,6 +87,41 @@ fn nodes_body(mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32
         }
         xs.iter_mut().zip(at_x).for_each(|(to, x)| *to = fixed(x));
         ys.iter_mut().zip(at_y).for_each(|(to, y)| *to = fixed(y));
+    }
+}
+
+/// Applies a homography.
+#[inline(always)]
+fn project(&[a, b, c, d, e, f, g, h, i]: &[f64; 9], at_x: &mut [f64; CHUNK], at_y: &mut [f64; CHUNK]) {
+    for k in 0..CHUNK {
+        let (x, y) = (at_x[k], at_y[k]);
+        let w = g * x + h * y + i;
+        at_x[k] = (a * x + b * y + c) / w;
+        at_y[k] = (d * x + e * y + f) / w;
+    }
+}
+
+/// From what the lens shows to what a pinhole would.
+#[inline(always)]
+fn straighten(lens: &Lens, at_x: &mut [f64; CHUNK], at_y: &mut [f64; CHUNK]) {
+    let [cx, cy] = lens.centre;
+    for k in 0..CHUNK {
+        let (u, v) = (at_x[k] - cx, at_y[k] - cy);
+        let scale = 1.0 / (1.0 + lens.bend * (u * u + v * v));
+        at_x[k] = cx + scale * u;
+        at_y[k] = cy + scale * v;
+    }
+}
+
+/// From what a pinhole would show to what the lens does.
+#[inline(always)]
+fn bend(lens: &Lens, at_x: &mut [f64; CHUNK], at_y: &mut [f64; CHUNK]) {
+    let [cx, cy] = lens.centre;
+    for k in 0..CHUNK {
+        let (u, v) = (at_x[k] - cx, at_y[k] - cy);
+        let scale = 2.0 / (1.0 + (1.0 - 4.0 * lens.bend * (u * u + v * v)).max(0.0).sqrt());
+        at_x[k] = cx + scale * u;
+        at_y[k] = cy + scale * v;
     }
 }
 
@@ -92,13 +147,21 @@ fn round(rows: &RowTable, x: &[f64; CHUNK], y: &[f64; CHUNK], moved_x: &mut [f32
         }
     }
     for k in 0..CHUNK {
-        // the derivative of a pixel by the pose, half way
-        let u = x[k] as f32 + 0.5 * moved_x[k] - rows.centre[0];
-        let v = y[k] as f32 + 0.5 * moved_y[k] - rows.centre[1];
+        // the derivative of a pixel by the pose, half way: of what a pinhole would show, then through the lens
+        let bent_u = x[k] as f32 + 0.5 * moved_x[k] - rows.centre[0];
+        let bent_v = y[k] as f32 + 0.5 * moved_y[k] - rows.centre[1];
+        let square = bent_u * bent_u + bent_v * bent_v;
+        let inverse = 1.0 + rows.bend * square;
+        let scale = 1.0 / inverse;
+        let (u, v) = (bent_u * scale, bent_v * scale);
         let (a, b) = (u * per_focal, v * per_focal);
         let [yaw, pitch, roll, zoom] = [pose[0][k], pose[1][k], pose[2][k], pose[3][k]];
-        moved_x[k] = u * b * pitch - (rows.focal + u * a) * yaw + v * roll + u * zoom;
-        moved_y[k] = (rows.focal + v * b) * pitch - u * b * yaw - u * roll + v * zoom;
+        let straight_x = u * b * pitch - (rows.focal + u * a) * yaw + v * roll + u * zoom;
+        let straight_y = (rows.focal + v * b) * pitch - u * b * yaw - u * roll + v * zoom;
+        let slope = 2.0 * rows.bend * scale;
+        let along = slope / (1.0 - slope * square) * (bent_u * straight_x + bent_v * straight_y);
+        moved_x[k] = (straight_x + bent_u * along) * inverse;
+        moved_y[k] = (straight_y + bent_v * along) * inverse;
     }
 }
 
@@ -122,7 +185,10 @@ mod tests {
             per_row,
             focal: 500.0,
             centre: [320.0, 240.0],
+            bend: -1e-6 * value,
         };
+        let lens =
+            |bend: f64| Some(Lens { window: [0.9, 0.0, 30.0, 0.0, 0.9, 20.0, 0.0, 0.0, 1.0], centre: [320.0, 240.0], bend });
         let views = [
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             [0.9, 0.01, 30.0, -0.01, 0.9, 20.0, 1e-5, -1e-5, 1.0],
@@ -132,8 +198,11 @@ mod tests {
         for (view, rows) in views.into_iter().flat_map(|view| {
             [None, Some(rows(0.01, 0.05)), Some(rows(f32::NAN, 0.05)), Some(rows(1e30, f32::INFINITY))].map(|rows| (view, rows))
         }) {
-            let mesh = Mesh { view, rows };
-            for columns in [1, 15, 41] {
+            for (lens, columns) in [None, lens(-1e-6), lens(1e-4), lens(f64::NAN)]
+                .into_iter()
+                .flat_map(|lens| [1, 15, 41].map(|n| (lens.clone(), n)))
+            {
+                let mesh = Mesh { view, lens, rows: rows.clone() };
                 let found: Vec<_> = Level::all()
                     .map(|level| {
                         let (mut xs, mut ys) = (vec![7; columns], vec![7; columns]);

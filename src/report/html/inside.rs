@@ -164,19 +164,22 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
     if !report.inside.curves.is_empty() {
         report.inside.figure(html, times);
     }
-    let found =
-        report.samples.iter().any(|s| s.calibration.readout_deviation_s > 0.0 || s.calibration.hfov_deviation_deg > 0.0);
+    let found = report.samples.iter().any(|s| {
+        let Calibration { readout_deviation_s, hfov_deviation_deg, lens_k1_deviation, .. } = s.calibration;
+        readout_deviation_s > 0.0 || hfov_deviation_deg > 0.0 || lens_k1_deviation > 0.0
+    });
     if !found {
         return;
     }
     html.push_str(
-        "<h2>Calibration</h2>\n<p>Readout time and field of view, as estimated from the motion. The outer lines \
+        "<h2>Calibration</h2>\n<p>Readout time, field of view and lens distortion, as estimated from the motion. The outer lines \
          are two standard deviations apart from the estimate; they are drawn once they are close enough to be useful.</p>\n",
     );
     let readout = |part: f64| {
         move |s: &Sample| band(s, certainty::readout(&s.calibration, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
     };
     let hfov = |part: f64| move |s: &Sample| band(s, certainty::hfov(&s.calibration), LIMIT.1, 1.0, part);
+    let lens = |part: f64| move |s: &Sample| band(s, certainty::lens(&s.calibration), LIMIT.2, 1.0, part);
     let known = |of: fn(&Calibration) -> f64| {
         move |s: &Sample| if s.calibration.hfov_deg > 0.0 { of(&s.calibration) } else { f64::NAN }
     };
@@ -192,6 +195,9 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
         line("field of view", "after", &known(|c| c.hfov_deg)),
     ];
     html.push_str(&plot("Field of view", "horizontal".into(), "deg", series, None).figure());
+    let series =
+        vec![line("interval", "third", &lens(-1.0)), line("", "third", &lens(1.0)), line("k1", "after", &known(|c| c.lens_k1))];
+    html.push_str(&plot("Lens distortion", "k1; negative: barrel".into(), "", series, None).figure());
 }
 
 /// An edge of an estimate's interval, where that is narrow enough.
@@ -216,7 +222,7 @@ mod tests {
             let part = i as f64 / 24.0 - 0.5;
             *pose = [-0.02 * part, 0.01 * part + bend * (part * part), 0.0, 0.0];
         }
-        frame.context.rows = RowMotion::Poses { camera: Pinhole { focal: 100.0, centre: [31.5, 23.5] }, rows };
+        frame.context.rows = RowMotion::Poses { camera: Pinhole { focal: 100.0, centre: [31.5, 23.5], bend: 0.0 }, rows };
         frame.context.interval_s = 0.04;
         frame.context.motion = [-0.04, 0.02, 0.0, 0.0];
         frame.context.calibration.readout_s = 0.02;

@@ -3,21 +3,21 @@
 //! The continuous model's standard deviations already distrust the tracks' statistics (its `globals` module). Measured on eleven
 //! rendered clips of known cameras (four seconds each; hands, walking, knocked desks, a vehicle, logged gyroscopes, a person in the
 //! picture, darkness), from the best of several starts, the readout time was off by 0.0 to 1.2 of them, 0.1 in the median, and the
-//! field of view by 0.0 to 0.4. [`FACTOR`] of them are stated, which leaves room for what is rendered nowhere: lens distortion,
-//! parallax. The errors of the frames' times are among them, as far as the stamps betray them (the `globals` module's
+//! field of view by 0.0 to 0.4. [`FACTOR`] of them are stated, which leaves room for what is rendered nowhere: parallax,
+//! lenses that bend otherwise than the model's. Field of view and lens are found together, so each alone is less sure than both. The errors of the frames' times are among them, as far as the stamps betray them (the `globals` module's
 //! `Unevenness`). A camera that travels is beyond that: on a clip from behind a windscreen, whose field of view is
 //! 70 degrees, the model drifted to the edge of what it looks for, 45. So a field of view at that edge is not known at all. A floor
 //! is added for what no length of footage averages out.
 
-use super::continuous::{HFOV_LIMITS_DEG, LONGEST_READOUT};
+use super::continuous::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
 use crate::geometry::{Calibration, hypot};
 
 /// Standard deviations in a stated uncertainty.
 pub const FACTOR: f64 = 2.0;
-/// Least uncertainty of the readout time (frame intervals), and of the field of view (degrees).
-const FLOOR: (f64, f64) = (0.005, 0.2);
-/// Uncertainty beyond which a value is not known (frame intervals; degrees).
-pub const LIMIT: (f64, f64) = (0.1, 3.0);
+/// Least uncertainty of the readout time (frame intervals), of the field of view (degrees), and of the lens's k1.
+const FLOOR: (f64, f64, f64) = (0.005, 0.2, 0.005);
+/// Uncertainty beyond which a value is not known (frame intervals; degrees; k1).
+pub const LIMIT: (f64, f64, f64) = (0.1, 5.0, 0.05);
 /// Distance to the edge of what the model looks for at which a field of view counts as stuck there (degrees).
 const STUCK_DEG: f64 = 0.5;
 /// No readout takes longer than the frame interval (frame intervals); a little is left for error, and what the model looks for goes on
@@ -47,6 +47,11 @@ pub fn hfov(found: &Calibration) -> Estimate {
     Estimate { value: found.hfov_deg, uncertainty: hypot(FACTOR * found.hfov_deviation_deg, FLOOR.1) }
 }
 
+/// The lens's k1, however uncertain.
+pub fn lens(found: &Calibration) -> Estimate {
+    Estimate { value: found.lens_k1, uncertainty: hypot(FACTOR * found.lens_k1_deviation, FLOOR.2) }
+}
+
 /// The readout time, where it was found out, and well enough to build on. One that fills the frame interval is believed only where the
 /// field of view is known as well: where the model does not fit (a camera that travels), both go to their edges.
 pub fn known_readout(found: &Calibration, interval_s: f64) -> Option<Estimate> {
@@ -64,21 +69,40 @@ pub fn known_hfov(found: &Calibration) -> Option<Estimate> {
     (inside && found.hfov_deviation_deg > 0.0 && estimate.uncertainty <= LIMIT.1).then_some(estimate)
 }
 
+/// The lens's k1, likewise.
+pub fn known_lens(found: &Calibration) -> Option<Estimate> {
+    let estimate = lens(found);
+    let inside = estimate.value.abs() < LENS_LIMIT - estimate.uncertainty;
+    (inside && found.lens_k1_deviation > 0.0 && estimate.uncertainty <= LIMIT.2).then_some(estimate)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn what_was_given_or_is_vague_or_impossible_is_not_found_out() {
-        let found = Calibration { readout_s: -0.02, readout_deviation_s: 5e-4, hfov_deg: 60.0, hfov_deviation_deg: 0.5 };
+        let found = Calibration {
+            readout_s: -0.02,
+            readout_deviation_s: 5e-4,
+            hfov_deg: 60.0,
+            hfov_deviation_deg: 0.5,
+            lens_k1: -0.1,
+            lens_k1_deviation: 0.01,
+        };
         let interval_s = 1.0 / 30.0;
         let known = known_readout(&found, interval_s).unwrap();
         assert_eq!(known.value, -0.02);
         assert!((1e-3..1.1e-3).contains(&known.uncertainty), "{known:?}");
         assert!((1.0..1.1).contains(&known_hfov(&found).unwrap().uncertainty));
-        let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, ..found };
-        assert_eq!((known_readout(&given, interval_s), known_hfov(&given)), (None, None));
-        let vague = Calibration { readout_deviation_s: 2e-3, hfov_deviation_deg: 2.0, ..found };
+        let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, lens_k1_deviation: 0.0, ..found };
+        assert_eq!((known_readout(&given, interval_s), known_hfov(&given), known_lens(&given)), (None, None, None));
+        assert_eq!(known_lens(&found).map(|known| known.value), Some(-0.1));
+        for unknown in [(-0.35, 0.01), (0.34, 0.01), (0.1, 0.03)] {
+            let (lens_k1, lens_k1_deviation) = unknown;
+            assert_eq!(known_lens(&Calibration { lens_k1, lens_k1_deviation, ..found }), None);
+        }
+        let vague = Calibration { readout_deviation_s: 2e-3, hfov_deviation_deg: 2.6, ..found };
         assert_eq!((known_readout(&vague, interval_s), known_hfov(&vague)), (None, None));
         for limit in HFOV_LIMITS_DEG {
             assert_eq!(known_hfov(&Calibration { hfov_deg: limit, ..found }), None);

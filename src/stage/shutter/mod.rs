@@ -74,15 +74,27 @@ impl Known {
     }
 }
 
-/// As logs and reports have it.
+/// As logs and reports have it: with one digit after the point unless they ask for more.
 impl std::fmt::Display for Known {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(1);
         match self {
             Self::Nothing => f.write_str("unknown"),
-            Self::About(value, deviation) => write!(f, "{value:.1} ± {deviation:.1}"),
-            Self::Exactly(value) => write!(f, "{value:.1}"),
+            Self::About(value, deviation) => write!(f, "{value:.digits$} ± {deviation:.digits$}"),
+            Self::Exactly(value) => write!(f, "{value:.digits$}"),
         }
     }
+}
+
+/// What is known of a camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Optics {
+    /// In how many seconds it reads a frame's rows; negative from bottom to top.
+    pub readout_s: Known,
+    /// How many degrees it sees from left to right.
+    pub hfov_deg: Known,
+    /// The lens's k1 ([`crate::geometry::Pinhole`]).
+    pub lens_k1: Known,
 }
 
 /// What a pair of frames, the reference and the newest, showed.
@@ -151,12 +163,11 @@ pub enum Shutter {
 }
 
 impl Shutter {
-    /// The model that `params` names, for a camera of which is known in how many seconds it reads a frame's rows (negative: from
-    /// bottom to top) and how many degrees it sees from left to right. The same `seed` gives the same choices.
-    pub fn new(params: &Params, readout: Known, hfov: Known, seed: u64) -> Self {
+    /// The model that `params` names, for a camera of which `optics` is known. The same `seed` gives the same choices.
+    pub fn new(params: &Params, optics: Optics, seed: u64) -> Self {
         match params.model {
-            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, readout, hfov)),
-            Model::Continuous => Self::Continuous(Continuous::new(readout, hfov, seed)),
+            Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, optics.readout_s, optics.hfov_deg)),
+            Model::Continuous => Self::Continuous(Continuous::new(optics, seed)),
         }
     }
 

@@ -1,16 +1,17 @@
 //! A map as the kernel takes it to find a mesh's nodes.
 
-use crate::geometry::{OutputMap, RowPoses};
-use crate::kernel::warp::{Mesh, RowTable};
+use crate::geometry::{Homography, OutputMap, RowPoses};
+use crate::kernel::warp::{Lens, Mesh, RowTable};
 
 const STRETCHES: usize = RowPoses::SAMPLES - 1;
 
 /// The mesh of `map`: the same but for what single precision makes of the motion within a frame, of a hundred pixels some
 /// hundred-thousandths.
 pub(super) fn mesh(map: &OutputMap) -> Mesh {
-    let (view, rows) = match map {
-        OutputMap::Projective(view) => (view, None),
-        OutputMap::Rows { view, camera, rows } => {
+    let entries = |h: &Homography| std::array::from_fn(|i| h.0[(i / 3, i % 3)]);
+    let (view, lens, rows) = match map {
+        OutputMap::Projective(view) => (view, None, None),
+        OutputMap::Rows { window, view, camera, rows } => {
             let samples = &rows.samples;
             let table = |of: &dyn Fn(usize, usize) -> f64| {
                 let mut table = [[0.0; _]; 4];
@@ -26,12 +27,13 @@ pub(super) fn mesh(map: &OutputMap) -> Mesh {
                 per_row: (1.0 / rows.spacing) as f32,
                 focal: camera.focal as f32,
                 centre: camera.centre.map(|c| c as f32),
+                bend: camera.bend as f32,
             };
-            (view, Some(rows))
+            let lens = Lens { window: entries(window), centre: camera.centre, bend: camera.bend };
+            (view, (camera.bend != 0.0).then_some(lens), Some(rows))
         }
     };
-    let m = &view.0;
-    Mesh { view: std::array::from_fn(|i| m[(i / 3, i % 3)]), rows }
+    Mesh { view: entries(view), lens, rows }
 }
 
 #[cfg(test)]
@@ -49,7 +51,13 @@ mod tests {
         });
         let view = camera.turned([0.02, -0.03, 0.05, 0.01]);
         let rows = RowPoses { samples, spacing: 1079.0 / 24.0 };
-        for map in [OutputMap::Projective(view), OutputMap::Rows { view, camera, rows }] {
+        let window = Homography(nalgebra::Matrix3::new(0.9, 0.0, 96.0, 0.0, 0.9, 54.0, 0.0, 0.0, 1.0));
+        let lens = camera.with_lens(-0.15, 1920);
+        for map in [
+            OutputMap::Projective(view),
+            OutputMap::Rows { window, view, camera, rows },
+            OutputMap::Rows { window, view, camera: lens, rows },
+        ] {
             let mesh = mesh(&map);
             let mut most = 0.0f64;
             for y in (0..1100).step_by(13) {

@@ -146,7 +146,13 @@ fn the_mesh_is_off_by_less_than_a_twentieth_of_a_pixel() {
         println!("turn {i}: {off:.4} px");
         assert!(off < 0.05, "turn {i}: {off} px");
         for (j, rows) in row_motions(size[1]).into_iter().enumerate() {
-            let [off, ..] = worst(&OutputMap::Rows { view: turn, camera, rows }, Sampling::Mono, Siting::Centre, size, size);
+            let [off, ..] = worst(
+                &OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows },
+                Sampling::Mono,
+                Siting::Centre,
+                size,
+                size,
+            );
             println!("turn {i}, rows {j}: {off:.4} px");
             assert!(off < 0.05, "turn {i}, rows {j}: {off} px");
         }
@@ -162,7 +168,7 @@ fn the_rows_at_the_edge_are_off_by_little_more() {
     let view = middle_view(size, size, 1.1);
     for turn in turns(&camera, &view) {
         for rows in row_motions(size[1]) {
-            let map = OutputMap::Rows { view: turn, camera, rows };
+            let map = OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows };
             let [off, ..] = worst_within(1.0, &map, Sampling::Mono, Siting::Centre, size, size);
             assert!(off < 0.08, "{off} px");
         }
@@ -176,7 +182,7 @@ fn luma_and_chroma_stay_together() {
         let view = middle_view(size, size, 1.15);
         let [.., turn] = turns(&camera, &view)[..] else { unreachable!() };
         let rows = row_motions(size[1])[2];
-        for map in [OutputMap::Projective(turn), OutputMap::Rows { view: turn, camera, rows }] {
+        for map in [OutputMap::Projective(turn), OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows }] {
             for sampling in SAMPLINGS {
                 for siting in [Siting::Centre, Siting::Left, Siting::TopLeft] {
                     let off = worst(&map, sampling, siting, size, size);
@@ -196,7 +202,12 @@ fn pictures_of_another_size_are_drawn_as_the_map_says() {
         let view = middle_view(input, output, 1.1);
         for map in [
             OutputMap::Projective(turns(&camera, &view)[2]),
-            OutputMap::Rows { view: turns(&camera, &view)[1], camera, rows: row_motions(input[1])[3] },
+            OutputMap::Rows {
+                window: Homography::IDENTITY,
+                view: turns(&camera, &view)[1],
+                camera,
+                rows: row_motions(input[1])[3],
+            },
         ] {
             for sampling in [Sampling::S420, Sampling::S444] {
                 let off = worst(&map, sampling, Siting::Centre, input, output);
@@ -209,6 +220,7 @@ fn pictures_of_another_size_are_drawn_as_the_map_says() {
 #[test]
 fn the_identity_copies_exactly() {
     let still = |size: [usize; 2]| OutputMap::Rows {
+        window: Homography::IDENTITY,
         view: Homography::IDENTITY,
         camera: Pinhole::new(size, 60.0),
         rows: RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 1.0 },
@@ -236,7 +248,7 @@ fn every_level_draws_the_same() {
     let picture = noise(Sampling::S420, size[0], size[1]);
     let view = middle_view(size, size, 1.1);
     for rows in row_motions(size[1]) {
-        let map = OutputMap::Rows { view: turns(&camera, &view)[3], camera, rows };
+        let map = OutputMap::Rows { window: Homography::IDENTITY, view: turns(&camera, &view)[3], camera, rows };
         let drawn = Level::all().map(|level| {
             let mut drawn = Picture::new(Sampling::S420, size[0], size[1]);
             Warper::new(&LINEAR, level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
@@ -259,6 +271,7 @@ fn nonsense_is_drawn_without_harm() {
         matrix([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.1, -0.2, 1.0]),
         matrix([40000.0, 0.0, 0.0, 0.0, -40000.0, 0.0, 0.0, 0.0, 1.0]),
         OutputMap::Rows {
+            window: Homography::IDENTITY,
             view: Homography::IDENTITY,
             camera: Pinhole::default(),
             rows: RowPoses { samples: [[f64::NAN, 1e9, -1e9, f64::INFINITY]; RowPoses::SAMPLES], spacing: 0.0 },

@@ -9,8 +9,9 @@ use super::flow::{self, BINS};
 use super::normal::G;
 use crate::geometry::Pose;
 use crate::kernel::Level;
-use crate::kernel::normal::{self, CURVE, Measurements, POINTS, Sums, WIDE};
+use crate::kernel::normal::{self, BROAD, CURVE, Measurements, POINTS, Sums, WIDE};
 
+const _: () = assert!(4 * (1 + G) <= BROAD);
 /// Bits of a key that say which measurement it is; the others say which control points.
 const INDEX_BITS: u32 = 12;
 /// Bits of each of its two points.
@@ -37,7 +38,7 @@ pub struct Batch {
     /// Products of the derivative's channels (the lower triangle, row by row), x and y together.
     products: Vec<[f64; WIDE]>,
     /// The derivative's channels times what was seen, then times each global's effect.
-    single: Vec<[f64; WIDE]>,
+    single: Vec<[f64; BROAD]>,
     scale: Vec<f64>,
     said: Vec<[f64; WIDE]>,
 }
@@ -111,7 +112,7 @@ impl Batch {
             self.weights.push(weights);
             self.rates.push(rates);
             let ([dx, dy], [x, y]) = seen(number);
-            let (mut products, mut single, mut n) = ([0.0; WIDE], [0.0; WIDE], 0);
+            let (mut products, mut single, mut n) = ([0.0; WIDE], [0.0; BROAD], 0);
             for i in 0..4 {
                 for j in 0..=i {
                     products[n] = dx[i] * dx[j] + dy[i] * dy[j];

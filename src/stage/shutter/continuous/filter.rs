@@ -109,8 +109,8 @@ impl Filter {
     }
 
     /// The bins that flow least, of those where tracks are `present`, hold the path: together they flow nothing.
-    pub fn hold_flow(&mut self, present: &[f64; BINS]) {
-        let holds = self.flow.holds(present);
+    pub fn hold_flow(&mut self, present: &[f64; BINS], seconds: f64) {
+        let holds = self.flow.holds(present, seconds);
         for (c, information) in self.flow.held() {
             for i in 0..BINS {
                 for j in 0..=i {

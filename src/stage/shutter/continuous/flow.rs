@@ -48,6 +48,8 @@ const KEEP_S: f64 = 0.75;
 const LEARN_S: f64 = 0.25;
 /// Flow up to which rows hold the path as those that do not flow, pixels / s.
 const HOLDING_PX: f64 = 8.0;
+/// Seconds in which the number of tracks by rows is followed.
+const PRESENT_S: f64 = 1.0;
 /// Standard deviation of what the rows that hold the path flow together, pixels / s.
 const HELD_PX: f64 = 0.2;
 /// Channels of a pose: those that turn the camera, and the one that zooms.
@@ -63,6 +65,8 @@ pub struct Flow {
     first: Pose,
     /// Mean squares of what was found.
     squares: [f64; FLOWS],
+    /// How many tracks there were of late, by bin; none before the first.
+    present: Option<[f64; BINS]>,
 }
 
 impl Flow {
@@ -73,7 +77,12 @@ impl Flow {
         let pixel = [turn, turn, other, other];
         let turns_px = if readout_unknown { FIRST_TURN_PX } else { 0.0 };
         let first_px = [turns_px, turns_px, turns_px, FIRST_ZOOM_PX];
-        Self { pixel, first: std::array::from_fn(|c| first_px[c] * first_px[c] * pixel[c]), squares: [0.0; FLOWS] }
+        Self {
+            pixel,
+            first: std::array::from_fn(|c| first_px[c] * first_px[c] * pixel[c]),
+            squares: [0.0; FLOWS],
+            present: None,
+        }
     }
 
     /// Mean square of what was found of value `k`, (pixels / s)^2.
@@ -95,11 +104,16 @@ impl Flow {
         (keep, (1.0 - keep * keep) * self.variance(k))
     }
 
-    /// How much each bin holds the path, 1 in all: by how many tracks are `present`, and the less the more it flows.
-    pub fn holds(&self, present: &[f64; BINS]) -> [f64; BINS] {
+    /// How much each bin holds the path, 1 in all: by how many tracks were there of late, `present` of them now, `seconds` after the last
+    /// time; and the less the more it flows. Tracks come and go, and were the hold to follow at once, the path would shake.
+    pub fn holds(&mut self, present: &[f64; BINS], seconds: f64) -> [f64; BINS] {
+        let news = 1.0 - (-seconds / PRESENT_S).exp();
+        let kept = self.present.get_or_insert(*present);
+        kept.iter_mut().zip(present).for_each(|(kept, now)| *kept += news * (now - *kept));
+        let kept = *kept;
         let holds: [f64; BINS] = std::array::from_fn(|bin| {
             let flow: f64 = [0, 1, ZOOM].iter().map(|channel| self.found(4 * bin + channel)).sum();
-            present[bin] / (flow + HOLDING_PX * HOLDING_PX)
+            kept[bin] / (flow + HOLDING_PX * HOLDING_PX)
         });
         let sum = holds.iter().sum::<f64>().max(1e-12);
         holds.map(|hold| hold / sum)
@@ -179,16 +193,18 @@ mod tests {
     fn the_rows_that_flow_least_and_are_seen_hold_the_path() {
         let (focal, half) = (500.0, 320.0);
         let mut flow = Flow::new(focal, half, false);
-        assert_eq!(flow.holds(&[2.0; BINS]), [1.0 / BINS as f64; BINS]);
-        assert_eq!(flow.holds(&[0.0; BINS]), [0.0; BINS]);
+        assert_eq!(Flow::new(focal, half, false).holds(&[2.0; BINS], 0.03), [1.0 / BINS as f64; BINS]);
+        assert_eq!(Flow::new(focal, half, false).holds(&[0.0; BINS], 0.03), [0.0; BINS]);
         let mut found = [0.0; FLOWS];
         found[4 * 5 + 1] = 80.0 / focal;
         found[4 * 4 + ZOOM] = 80.0 / half;
         (0..200).for_each(|_| flow.learn(&found, 1.0 / 30.0));
-        let holds = flow.holds(&[1.0, 0.0, 2.0, 1.0, 1.0, 1.0]);
+        let holds = flow.holds(&[1.0, 0.0, 2.0, 1.0, 1.0, 1.0], 0.03);
         assert!((holds.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         assert_eq!(holds[1], 0.0);
         assert!((holds[2] / holds[0] - 2.0).abs() < 1e-9 && holds[3] == holds[0]);
         assert!(holds[4] < 0.02 * holds[0] && holds[5] < 0.02 * holds[0]);
+        let next = flow.holds(&[0.0, 0.0, 2.0, 1.0, 1.0, 1.0], 0.03);
+        assert!(next[0] > 0.9 * holds[0] && next[0] < holds[0], "tracks that are lost for one frame");
     }
 }

@@ -1,9 +1,11 @@
 //! What the tracks say of the camera's constants, believed slowly.
 //!
-//! Each pair of frames adds a little to the marginal information on readout time and focal length (what is left of the normal
+//! Each pair of frames adds a little to the marginal information on readout time, focal length and the lens's k1 (what is left of the normal
 //! equations once the path is eliminated). Taken at its word it is far too sure of itself: a thousand tracks of one frame
 //! share the lens's distortion, parallax and the timestamps' jitter, which the model does not have. So only the part
 //! 1 / [`CAUTION`] of it counts, against what was expected of the camera before, and old evidence fades.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::normal::{G, Marginal};
 
@@ -68,16 +70,8 @@ impl Globals {
             let news = (marginal.right[g] - self.last.right[g]) / CAUTION;
             self.evidence.right[g] = MEMORY * self.evidence.right[g] + news;
         }
-        let (matrix, determinant) = self.information();
-        let right: [f64; G] = std::array::from_fn(|g| self.evidence.right[g] - self.expected[g] * self.offset[g]);
-        let mut shift = [0.0; G];
-        if determinant > 0.0 && matrix[0][0] > 0.0 {
-            shift = [
-                (matrix[1][1] * right[0] - matrix[0][1] * right[1]) / determinant,
-                (matrix[0][0] * right[1] - matrix[1][0] * right[0]) / determinant,
-            ];
-        }
-        shift
+        let right = std::array::from_fn(|g| self.evidence.right[g] - self.expected[g] * self.offset[g]);
+        self.information().map_or([0.0; G], |factor| factor.solve(&SVector::<f64, G>::from(right)).into())
     }
 
     /// The origin was moved by `shift`, after the filter said `marginal`.
@@ -92,19 +86,19 @@ impl Globals {
 
     /// Standard deviations of the globals.
     pub fn deviations(&self) -> [f64; G] {
-        let (matrix, determinant) = self.information();
-        if determinant <= 0.0 {
-            return self.expected.map(|information| (1.0 / information).sqrt());
-        }
-        [matrix[1][1], matrix[0][0]].map(|other| (other / determinant).max(0.0).sqrt())
+        self.information().map_or(self.expected.map(|information| (1.0 / information).sqrt()), |factor| {
+            let inverse = factor.inverse();
+            std::array::from_fn(|g| inverse[(g, g)].max(0.0).sqrt())
+        })
     }
 
-    fn information(&self) -> ([[f64; G]; G], f64) {
-        let mut matrix = self.evidence.matrix;
-        for g in 0..G {
-            matrix[g][g] = matrix[g][g].max(0.0) + self.expected[g];
-        }
-        (matrix, matrix[0][0] * matrix[1][1] - matrix[0][1] * matrix[1][0])
+    /// All information, as its factor; `None` where rounding left it no longer positive.
+    fn information(&self) -> Option<Cholesky<f64, Const<G>>> {
+        let entry = |g: usize, h: usize| match g == h {
+            true => self.evidence.matrix[g][g].max(0.0) + self.expected[g],
+            false => self.evidence.matrix[g][h],
+        };
+        SMatrix::<f64, G, G>::from_fn(entry).cholesky()
     }
 }
 

@@ -17,6 +17,7 @@
 
 mod agreement;
 mod batch;
+mod constants;
 mod filter;
 mod flow;
 mod globals;
@@ -24,43 +25,23 @@ mod hypothesis;
 mod normal;
 mod slope;
 
-use super::{Ends, Known, Motion, Pair};
+use super::{Ends, Motion, Optics, Pair};
 use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses, hypot};
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
+pub use constants::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
+use constants::{LOOK_LEAST_PX, USUAL_HFOV_DEG};
 use filter::{Filter, MOST_POINTS, Prior};
-use flow::{Flow, Row};
+use flow::Row;
 use globals::{Globals, Unevenness};
 use hypothesis::Sight;
+use normal::G;
 use slope::Slope;
 
 /// Control points to a frame interval.
 const POINTS_PER_FRAME: f64 = 4.0;
 /// Control points are no closer (seconds): hands and desks do not shake above some 30 Hz.
 const LEAST_SPACING_S: f64 = 0.007;
-/// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals).
-const USUAL_READOUT: f64 = 0.75;
-const READOUT_SPREAD: f64 = 0.25;
-/// Horizontal field of view that is expected likewise, and its standard deviation (degrees).
-const USUAL_HFOV_DEG: f64 = 60.0;
-const HFOV_SPREAD_DEG: f64 = 12.0;
-/// Longest readout time that is looked for (frame intervals): one that fills the interval is found with its error, and what ends here was
-/// not found.
-pub const LONGEST_READOUT: f64 = 1.1;
-/// Standard deviations up to which the first look at the readout time is taken at its word; what is added to one, and a share of
-/// the value (frame intervals). It is rough: on rendered clips of any shake it is 1.0 to 1.4 times the truth.
-const LOOK_DEVIATIONS: f64 = 2.0;
-const LOOK_FLOOR: f64 = 0.03;
-const LOOK_SHARE: f64 = 0.1;
-/// Change of the turn from pair to pair that it asks for, pixels.
-const LOOK_LEAST_PX: f64 = 0.7;
-/// Uncertainty from which it sees little (frame intervals), and the factor on it then.
-const LOOK_BLIND: f64 = 0.4;
-const LOOK_DOUBT: f64 = 1.5;
-/// How far off it the readout time must be to be found out anew (frame intervals).
-const FAR: f64 = 0.25;
-/// Fields of view that a camera may have (degrees): what is found out stays between.
-pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Before anything is measured. Cameras turn but hardly zoom: what magnifies is mostly travel, which is the flow's.
 const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
@@ -85,6 +66,15 @@ const MOST_SIGMA_PX: f64 = 2.0;
 const LEAST_SAY: f64 = 0.05;
 /// Standard deviations of the motion between two frames up to which it is believed, and from which not at all (pixels).
 const DOUBTFUL_PX: [f64; 2] = [0.5, 2.0];
+/// Part of the motion from one frame to the next that is expected to go on while nothing is seen.
+const KEPT_MOTION: f64 = 0.5;
+/// Inliers up to which a motion is not believed at all, and from which wholly.
+const LEAST_INLIERS: [f64; 2] = [6.0, 30.0];
+/// The same after frames of which nothing was believed, as a part of the usual number; seconds for which more are asked.
+const WARY_SHARES: [f64; 2] = [0.1, 0.3];
+const WARY_S: f64 = 0.3;
+/// How fast the usual number of inliers is followed, frame by frame.
+const USUAL_NEWS: f64 = 0.05;
 /// Tracks below which nothing is estimated.
 const LEAST_TRACKS: usize = 10;
 /// Tracks looked at, at most.
@@ -93,8 +83,7 @@ const MOST_TRACKS: usize = 4096;
 /// The model's state.
 #[derive(Debug)]
 pub struct Continuous {
-    readout: Known,
-    hfov: Known,
+    optics: Optics,
     /// What is believed of the camera at the moment.
     calibration: Calibration,
     size: [usize; 2],
@@ -114,24 +103,30 @@ pub struct Continuous {
     /// Variance that all tracks have in common, pixels^2.
     common: f64,
     random: u64,
-    /// Whether readout time and focal length are to be found out.
-    unknown: [bool; 2],
+    /// Whether readout time, focal length and k1 are to be found.
+    unknown: [bool; G],
+    /// How each track depends on focal length and k1 ([`Pinhole::effects`]).
+    effects: Vec<[[Pose; 2]; 2]>,
     globals: Globals,
     unevenness: Unevenness,
     agreement: Agreement,
     slope: Slope,
+    /// Pairs seen since the stream began.
+    pairs: u32,
+    /// How recently nothing was believed, 1 (the frame before) to 0.
+    wary: f64,
+    /// The usual number of inliers.
+    usual: f64,
     /// Whether the path is to begin anew: its rows were timed by a readout that was far off.
     anew: bool,
     newest: Motion,
 }
 
 impl Continuous {
-    /// A model that has seen nothing, for a camera of which readout time (seconds) and horizontal field of view (degrees) are known
-    /// as said.
-    pub fn new(readout: Known, hfov: Known, seed: u64) -> Self {
+    /// A model that has seen nothing, for a camera of which `optics` is known.
+    pub fn new(optics: Optics, seed: u64) -> Self {
         Self {
-            readout,
-            hfov,
+            optics,
             calibration: Calibration::default(),
             size: [1, 1],
             camera: Pinhole::default(),
@@ -146,11 +141,15 @@ impl Continuous {
             scale_px: LEAST_SCALE_PX,
             common: COMMON_SIGMA_PX[0].powi(2),
             random: seed,
-            unknown: [false; 2],
+            unknown: [false; G],
+            effects: Vec::with_capacity(MOST_TRACKS),
             globals: Globals::default(),
             unevenness: Unevenness::default(),
             agreement: Agreement::default(),
             slope: Slope::default(),
+            pairs: 0,
+            wary: 0.0,
+            usual: 0.0,
             anew: false,
             newest: Motion {
                 rows: RowMotion::default(),
@@ -166,7 +165,7 @@ impl Continuous {
     /// As [`super::Shutter::begin`].
     pub fn begin(&mut self, size: [usize; 2]) {
         self.size = size;
-        let (hfov_deg, _) = self.hfov.or(USUAL_HFOV_DEG, 0.0);
+        let (hfov_deg, _) = self.optics.hfov_deg.or(USUAL_HFOV_DEG, 0.0);
         self.camera = Pinhole::new(size, hfov_deg);
         self.calibration = Calibration::default();
         self.now_s = 0.0;
@@ -177,6 +176,7 @@ impl Continuous {
         self.agreement = Agreement::default();
         self.slope = Slope::default();
         self.anew = false;
+        (self.wary, self.usual, self.pairs) = (0.0, 0.0, 0);
         self.newest = Motion {
             rows: self.rows(|_| [0.0; 4]),
             motion: [0.0; 4],
@@ -213,6 +213,7 @@ impl Continuous {
     pub fn observe(&mut self, pair: Pair<'_>) {
         let before_s = self.now_s;
         self.now_s += pair.interval_s;
+        self.pairs = self.pairs.wrapping_add(1);
         let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
         let anew = std::mem::take(&mut self.anew);
@@ -235,11 +236,15 @@ impl Continuous {
         self.filter.drift(pair.interval_s);
         let confidence = self.estimate(pair.tracks, before_s);
         if confidence == 0.0 {
-            // what is not believed must not move the path
+            // what is not believed must not move the path, and the motion before is no forecast: it comes to rest
+            let rest: Pose = std::array::from_fn(|c| self.newest.path[c] + KEPT_MOTION * self.newest.motion[c]);
+            self.filter.pin(self.now_s + self.middle(), rest);
             self.filter.start_trial();
             self.filter.solve();
             self.slope.interrupt();
+            self.wary = 1.0;
         } else {
+            self.wary *= (-pair.interval_s / WARY_S).exp();
             self.hear(pair.tracks, before_s);
             self.filter.learn_prior(pair.interval_s);
             self.filter.learn_flow(pair.interval_s);
@@ -281,89 +286,6 @@ impl Continuous {
         agreement.take(compared, self.interval_s);
     }
 
-    /// Before the first pair: what is expected of readout time and field of view.
-    fn expect(&mut self, interval_s: f64) {
-        let (readout_s, readout_deviation) = self.readout.or(USUAL_READOUT * interval_s, READOUT_SPREAD * interval_s);
-        let (hfov_deg, hfov_deviation) = self.hfov.or(USUAL_HFOV_DEG, HFOV_SPREAD_DEG);
-        self.camera = Pinhole::new(self.size, hfov_deg);
-        let log_focal = hfov_deviation / self.degrees_per_log_focal();
-        self.calibration =
-            Calibration { readout_s, readout_deviation_s: readout_deviation, hfov_deg, hfov_deviation_deg: hfov_deviation };
-        self.filter.forget_globals();
-        self.filter.forget_flow(Flow::new(self.camera.focal, 0.5 * self.size[0] as f64, readout_deviation > 0.0));
-        self.globals = Globals::new([readout_deviation, log_focal]);
-        self.unknown = [readout_deviation > 0.0, hfov_deviation > 0.0];
-    }
-
-    /// How many degrees the field of view narrows as the logarithm of the focal length grows by one.
-    fn degrees_per_log_focal(&self) -> f64 {
-        let half = 0.5 * self.size[0] as f64 / self.camera.focal;
-        (2.0 * half / (1.0 + half * half)).to_degrees()
-    }
-
-    /// Where the readout time (seconds) can be, by the [`Slope`].
-    fn first_look(&self) -> [f64; 2] {
-        let most = LONGEST_READOUT * self.interval_s;
-        self.slope.readout().map_or([-most, most], |(readout, deviation)| {
-            let off = LOOK_DEVIATIONS * hypot(deviation, LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
-            // a look that sees little rules out little
-            let off = if off > LOOK_BLIND * self.interval_s { LOOK_DOUBT * off } else { off };
-            [readout - off, readout + off].map(|edge| edge.clamp(-most, most))
-        })
-    }
-
-    /// The readout time is far from what was believed: `readout_s` is believed instead, and what it rested on forgotten.
-    fn look_anew(&mut self, readout_s: f64) {
-        self.calibration.readout_s = readout_s;
-        self.calibration.readout_deviation_s = READOUT_SPREAD * self.interval_s;
-        let log_focal = if self.unknown[1] { HFOV_SPREAD_DEG / self.degrees_per_log_focal() } else { 0.0 };
-        self.globals = Globals::new([READOUT_SPREAD * self.interval_s, log_focal]);
-        self.filter.forget_globals();
-        self.agreement = Agreement::default();
-        self.anew = true;
-    }
-
-    /// Takes over what the last pair said of the camera, and starts from there.
-    fn follow_camera(&mut self) {
-        // where the time is not known nothing was asked, and no limit counts that hangs on it
-        if self.unknown == [false; 2] || self.timed.is_none() {
-            return;
-        }
-        let marginal = self.filter.marginal();
-        let [readout, log_focal] = self.globals.take(&marginal);
-        let Calibration { readout_s, .. } = self.calibration;
-        let width = self.size[0] as f64;
-        let focal = |hfov_deg: f64| 0.5 * width / (0.5 * hfov_deg.to_radians()).tan();
-        // never outside of what cameras are and of what the first look says, and never far at once
-        let interval_s = self.interval_s;
-        let [least_s, most_s] = self.first_look();
-        if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
-            return self.look_anew(0.5 * (least_s + most_s));
-        }
-        let step = readout.clamp(-0.05 * interval_s, 0.05 * interval_s);
-        let to_readout_s = (readout_s + step).clamp(least_s, most_s);
-        let to_focal = (self.camera.focal * log_focal.clamp(-0.05, 0.05).exp())
-            .clamp(focal(HFOV_LIMITS_DEG[1]), focal(HFOV_LIMITS_DEG[0]));
-        let shift = [
-            if self.unknown[0] { to_readout_s - readout_s } else { 0.0 },
-            if self.unknown[1] { (to_focal / self.camera.focal).ln() } else { 0.0 },
-        ];
-        self.calibration.readout_s += shift[0];
-        self.camera.focal *= shift[1].exp();
-        self.calibration.hfov_deg = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
-        self.filter.move_globals(shift);
-        self.globals.moved(shift, &marginal);
-        // as uncertain as what is on its way, or held back by a limit, is far from where the tracks would have it
-        let deviations = self.globals.deviations();
-        let by_times = self.calibration.readout_s * self.unevenness.deviation();
-        if self.unknown[0] {
-            self.calibration.readout_deviation_s = hypot(hypot(deviations[0], by_times), readout - shift[0]);
-        }
-        if self.unknown[1] {
-            self.calibration.hfov_deviation_deg = hypot(deviations[1], log_focal - shift[1]) * self.degrees_per_log_focal();
-        }
-    }
-
     /// The rows that flow least, of those where the picture agrees with the first idea of the turn, hold the path.
     fn hold_flow(&mut self) {
         let mut present = [0.0; flow::BINS];
@@ -373,54 +295,12 @@ impl Continuous {
                 present[bin + i] += share * weight * sight.say.min(2.0);
             }
         }
-        self.filter.hold_flow(&present);
+        self.filter.hold_flow(&present, self.interval_s);
     }
 
     /// What is believed of the camera.
     pub fn calibration(&self) -> Calibration {
         self.calibration
-    }
-
-    /// How what the path says of a measurement depends on readout time (pixels / s) and on the logarithm of the focal length
-    /// (pixels), with the path as it is believed at the moment.
-    fn by_global(&self, sight: &Sight, said: &Said, rows: [f64; 2]) -> [[f64; 2]; 2] {
-        let Said { change, speeds: [sooner, later] } = *said;
-        let from_bottom = if self.calibration.readout_s < 0.0 { 1.0 } else { 0.0 };
-        let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
-        let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
-        let [dx, dy] = &sight.derivative;
-        let readout = if self.unknown[0] { [dot(dx, &moved), dot(dy, &moved)] } else { [0.0; 2] };
-        let f = self.camera.focal;
-        // f dB / df: the terms with 1 / f change their sign, roll and zoom do not depend on f
-        let focal = if self.unknown[1] {
-            [(-2.0 * f - dx[0]) * change[0] - dx[1] * change[1], -dy[0] * change[0] + (2.0 * f - dy[1]) * change[1]]
-        } else {
-            [0.0; 2]
-        };
-        [readout, focal]
-    }
-
-    /// Puts on trial what the tracks say of readout time and focal length, with the path as it is believed at the moment; of all of it
-    /// the part `share`.
-    fn ask_globals(&mut self, tracks: &[crate::frame::Track], share: f64) {
-        let (mut corner, mut right) = ([[0.0; 2]; 2], [0.0; 2]);
-        for index in 0..self.batch.len() {
-            let (i, said) = self.batch.said_at(index);
-            let sight = &self.sights[i];
-            let rows = [tracks[i].from[1], tracks[i].to[1]];
-            let by_global = self.by_global(sight, &said, rows).map(|pixels| pixels.map(|value| share * value));
-            self.batch.set_globals(index, &sight.derivative, &by_global);
-            if self.weights[i] > LEAST_WEIGHT {
-                let information = self.information[i] * self.weights[i];
-                for (g, [gx, gy]) in by_global.iter().enumerate() {
-                    for (h, [hx, hy]) in by_global.iter().enumerate() {
-                        corner[g][h] += information * (gx * hx + gy * hy);
-                    }
-                    right[g] += information * (gx * sight.moved[0] + gy * sight.moved[1]);
-                }
-            }
-        }
-        self.filter.add_globals(corner, right);
     }
 
     /// Weighs the tracks and solves for the path. Gives the confidence. What a pair whose time is not known says of the camera is not
@@ -484,8 +364,16 @@ impl Continuous {
         for (sight, track) in self.sights.iter_mut().zip(tracks.iter()) {
             sight.moved = std::array::from_fn(|c| track.to[c] - track.from[c]);
         }
-        let share =
-            if self.unknown == [false; 2] || self.timed.is_none() { 0.0 } else { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) };
+        let asked = self.unknown != [false; G] && self.timed.is_some() && self.is_asked();
+        let share = if asked { ((moved_px - 0.3) / 0.7).clamp(0.0, 1.0) } else { 0.0 };
+        if share > 0.0 {
+            self.effects.clear();
+            let middle = |track: &crate::frame::Track| std::array::from_fn(|c| 0.5 * (track.from[c] + track.to[c]));
+            let of = |(track, sight): (&crate::frame::Track, &Sight)| {
+                self.camera.effects(middle(track), &sight.derivative, self.size[0])
+            };
+            self.effects.extend(tracks.iter().zip(&self.sights).map(of));
+        }
         self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MOST_OFF));
         for (information, sight) in self.information.iter_mut().zip(&self.sights) {
             *information *= sight.say.min(2.0);
@@ -540,7 +428,10 @@ impl Continuous {
         // what the covariance says of the motion to this frame's middle row; a few dark or blurred points leave it wide
         let deviation = self.filter.deviation(before_s + self.middle(), self.now_s + self.middle());
         let deviation_px = self.camera.focal * hypot(deviation[0], deviation[1]);
-        ramp(sum, 6.0, 30.0) * ramp(share, 0.15, 0.4) * ramp(deviation_px, DOUBTFUL_PX[1], DOUBTFUL_PX[0])
+        // a few points that agree, right after a time in which nothing was seen, agree on anything
+        let asked = [0, 1].map(|i| LEAST_INLIERS[i].max(WARY_SHARES[i] * self.wary * self.usual));
+        self.usual += USUAL_NEWS * (sum - self.usual);
+        ramp(sum, asked[0], asked[1]) * ramp(share, 0.15, 0.4) * ramp(deviation_px, DOUBTFUL_PX[1], DOUBTFUL_PX[0])
     }
 }
 
@@ -563,7 +454,11 @@ fn subtract(a: Pose, b: Pose) -> Pose {
 pub fn map(motion: &Motion, smoothed: Pose, strength: f64, view: &Homography) -> OutputMap {
     let RowMotion::Poses { camera, rows } = motion.rows else { return OutputMap::Projective(*view) };
     let turn = camera.turned(subtract(motion.path, smoothed));
-    OutputMap::Rows { view: Homography(turn.0 * view.0).scaled(), camera, rows: rows.part(strength) }
+    let (window, view) = match camera.bend == 0.0 {
+        true => (Homography::IDENTITY, Homography(turn.0 * view.0).scaled()),
+        false => (*view, turn),
+    };
+    OutputMap::Rows { window, view, camera, rows: rows.part(strength) }
 }
 
 #[cfg(test)]

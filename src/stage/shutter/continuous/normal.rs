@@ -1,4 +1,4 @@
-//! Normal equations with a border: many unknowns of path and flow, and a few globals (readout time, focal length) that all see.
+//! Normal equations with a border: many unknowns of path and flow, and a few globals (readout time, focal length, the lens's k1) that all see.
 //!
 //! ```text
 //! [ A  C' ] [ x ]   [ r ]
@@ -14,7 +14,7 @@ pub const N: usize = FLOWS + 160;
 /// How many of them, the first ones, are the flow's (`super::flow`) and never eliminated; the others are the path's.
 pub const FLOWS: usize = 4 * super::flow::BINS;
 /// Globals.
-pub const G: usize = 2;
+pub const G: usize = 3;
 
 /// The equations: an information matrix and its right-hand side.
 #[derive(Clone, Debug)]
@@ -336,7 +336,7 @@ mod tests {
         let mut normal = system(n, 5);
         let (mut before, mut after) = (Solution::new(), Solution::new());
         assert!(before.solve(&normal, n));
-        let shift = [0.7, -0.3];
+        let shift = [0.7, -0.3, 0.2];
         normal.shift_globals(shift, n);
         assert!(after.solve(&normal, n));
         before.marginal.move_origin(shift);
