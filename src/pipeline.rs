@@ -316,24 +316,25 @@ impl Stabilizer {
             let view = self.window.view();
             let rows = shown
                 * motion.rows_part
-                * self.window.allowed(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+                * self.window.rows_part(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for the part of a correction
             let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));
-            let room = self.window.room(&view, self.smoother.correction(), |correction| {
+            let bounds = self.window.bounds(&view, self.smoother.correction(), |correction| {
                 self.shutter.map(&motion, path(correction, 1.0), rows, &view)
             });
-            let wanted = self.smoother.step(pose, interval_s, known_s, &room);
+            let wanted = self.smoother.step(pose, interval_s, known_s, &bounds);
             let correction = std::array::from_fn(|i| shown * (wanted[i] - pose[i]));
-            let part = self.window.inside(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
+            let part =
+                self.window.correction_part(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
             context.smoothed = path(correction, part);
             context.trust = trust;
             context.calibration = self.shutter.calibration().unwrap_or_default();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
-            context.crop_use = self.window.reach(&context.map, &view);
+            context.crop_use = self.window.crop_use(&context.map, &view);
             if shown == 1.0 {
-                self.window.used(context.crop_use, interval_s);
+                self.window.follow_use(context.crop_use, interval_s);
             }
             if context.outcome == Outcome::Pending {
                 context.outcome = match () {

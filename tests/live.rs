@@ -134,6 +134,11 @@ fn others(key: &Key, settings: &Settings) -> Vec<Settings> {
         if value + step <= high { value + step } else { value - step }
     };
     match &key.kind {
+        Kind::NamedNumber { range, names, get, set } => {
+            let now = get(settings);
+            let named = names.iter().filter(|(_, number)| *number != now).map(|(_, number)| with(&|s| set(s, *number)));
+            named.chain([with(&|s| set(s, further(*range, now)))]).collect()
+        }
         Kind::Number { range, get, set } => vec![with(&|s| set(s, further(*range, get(settings))))],
         Kind::NumberOrAuto { range, get, set } => {
             let number = get(settings).unwrap_or(range.0);

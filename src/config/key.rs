@@ -27,6 +27,13 @@ pub enum Kind {
     Number { range: (f64, f64), get: fn(&Settings) -> f64, set: fn(&mut Settings, f64) },
     /// A real number within `range`, ends included, or "auto": `None`.
     NumberOrAuto { range: (f64, f64), get: fn(&Settings) -> Option<f64>, set: fn(&mut Settings, Option<f64>) },
+    /// A real number within `range`, ends included; some have names.
+    NamedNumber {
+        range: (f64, f64),
+        names: &'static [(&'static str, f64)],
+        get: fn(&Settings) -> f64,
+        set: fn(&mut Settings, f64),
+    },
     /// A whole number within `range`, ends included: the least, and every `step`th above.
     Count { range: (u64, u64), step: u64, get: fn(&Settings) -> u64, set: fn(&mut Settings, u64) },
     /// One of a few words.
@@ -72,6 +79,11 @@ impl Key {
         match &self.kind {
             Kind::Number { get, .. } => format!("{:?}", get(settings)),
             Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),
+            Kind::NamedNumber { names, get, .. } => {
+                let number = get(settings);
+                let name = names.iter().find(|(_, named)| *named == number);
+                name.map_or_else(|| format!("{number:?}"), |(name, _)| quoted(name))
+            }
             Kind::Count { get, .. } => get(settings).to_string(),
             Kind::Choice { get, .. } => quoted(get(settings)),
             Kind::Switch { get, .. } => get(settings).to_string(),
@@ -85,6 +97,10 @@ impl Key {
         match &self.kind {
             Kind::Number { range: (low, high), .. } => format!("{low} to {high}"),
             Kind::NumberOrAuto { range: (low, high), .. } => format!("{low} to {high}, or {}", quoted(AUTO)),
+            Kind::NamedNumber { range: (low, high), names, .. } => {
+                let names: Vec<String> = names.iter().map(|(name, number)| format!("{} ({number})", quoted(name))).collect();
+                format!("{low} to {high}, or {}", names.join(", "))
+            }
             Kind::Count { range: (low, high), step: 1, .. } => format!("{low} to {high}"),
             Kind::Count { range: (low, high), step, .. } => format!("{low} to {high} in steps of {step}"),
             Kind::Choice { words, .. } => {
@@ -101,7 +117,9 @@ impl Key {
     /// What the key expects, as a phrase with range and unit.
     pub fn expected(&self) -> String {
         let mut phrase = match &self.kind {
-            Kind::Number { .. } | Kind::NumberOrAuto { .. } => format!("a number from {}", self.range()),
+            Kind::Number { .. } | Kind::NumberOrAuto { .. } | Kind::NamedNumber { .. } => {
+                format!("a number from {}", self.range())
+            }
             Kind::Count { .. } => format!("a whole number from {}", self.range()),
             Kind::Choice { words: [word], .. } => quoted(word),
             Kind::Choice { .. } => format!("one of {}", self.range()),
@@ -121,6 +139,7 @@ impl Key {
         match &self.kind {
             Kind::Number { get, set, .. } => set(settings, get(from)),
             Kind::NumberOrAuto { get, set, .. } => set(settings, get(from)),
+            Kind::NamedNumber { get, set, .. } => set(settings, get(from)),
             Kind::Count { get, set, .. } => set(settings, get(from)),
             Kind::Switch { get, set } => set(settings, get(from)),
             Kind::SwitchOrAuto { get, set } => set(settings, get(from)),
@@ -138,16 +157,16 @@ impl Key {
         };
         let within = |range: &(f64, f64)| number.filter(|number| (range.0..=range.1).contains(number));
         match (&self.kind, value) {
-            (Kind::Number { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
-                within(range).map(|number| set(settings, number)).is_some()
-            }
-            (Kind::NumberOrAuto { range, set, .. }, Written::Integer(Some(_)) | Written::Float(_)) => {
-                within(range).map(|number| set(settings, Some(number))).is_some()
+            (Kind::Number { range, set, .. }, _) => within(range).map(|number| set(settings, number)).is_some(),
+            (Kind::NamedNumber { range, names, set, .. }, _) => {
+                let named = names.iter().find(|(name, _)| matches!(value, Written::Text(word) if word == name));
+                named.map(|(_, number)| *number).or_else(|| within(range)).map(|number| set(settings, number)).is_some()
             }
             (Kind::NumberOrAuto { set, .. }, Written::Text(word)) if word == AUTO => {
                 set(settings, None);
                 true
             }
+            (Kind::NumberOrAuto { range, set, .. }, _) => within(range).map(|number| set(settings, Some(number))).is_some(),
             (Kind::Count { range, step, set, .. }, Written::Integer(Some(whole))) => {
                 let Ok(count) = u64::try_from(*whole) else { return false };
                 let fits = (range.0..=range.1).contains(&count) && (count - range.0).is_multiple_of(*step);

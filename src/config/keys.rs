@@ -5,7 +5,7 @@ use crate::image::PixelFormat;
 use crate::stage::crop::{self, Border};
 use crate::stage::fit::Form;
 use crate::stage::shutter::{Known, Model, Parameters};
-use crate::stage::smooth::Mode;
+use crate::stage::smooth::{self, Mode};
 use crate::stage::warp::Filter;
 
 /// A real number: `number!(path.to.field, least to most)`.
@@ -238,9 +238,14 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "smooth.strength",
         unit: "ratio",
-        doc: "Strength of the stabilization: 1 uses the whole crop margin to keep the picture still, lower values follow the camera more closely, 0 follows it exactly.",
+        doc: "Strength of the stabilization: \"follow\" and \"gentle\" stay closer to the camera, \"steady\" uses the whole crop margin, \"tripod\" also holds one view for as long as the margin lasts (adaptive). 0 follows the camera exactly.",
         live: true,
-        kind: number!(pipeline.smooth.strength, 0.0 to 1.0),
+        kind: Kind::NamedNumber {
+            range: (0.0, smooth::TRIPOD),
+            names: &[("follow", 0.3), ("gentle", 0.6), ("steady", 1.0), ("tripod", smooth::TRIPOD)],
+            get: |s| s.pipeline.smooth.strength,
+            set: |s, value| s.pipeline.smooth.strength = value,
+        },
     },
     Key {
         name: "smooth.lookahead_ms",

@@ -6,6 +6,14 @@ use super::Homography;
 
 /// Yaw, pitch, roll (radians) and log zoom, or a difference of such.
 pub type Pose = [f64; 4];
+/// Index of the yaw in a [`Pose`].
+pub const YAW: usize = 0;
+/// Index of the pitch.
+pub const PITCH: usize = 1;
+/// Index of the roll.
+pub const ROLL: usize = 2;
+/// Index of the logarithm of the zoom.
+pub const ZOOM: usize = 3;
 
 /// A camera: focal length, principal point (pixels), and what its lens does.
 ///

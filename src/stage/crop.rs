@@ -1,13 +1,18 @@
 //! The crop window: how much of the picture is given up to hide the border, and keeping every correction inside it.
 //!
 //! The output shows the picture magnified by `zoom` about its centre; the margin that this hides is what a correction may use.
-//! [`Window::room`] says how much that is, in the terms of the path: the planner stays inside of it. What the rows' motion takes
-//! of the margin beyond [`KNEE`] is scaled back, gently at first, and [`Window::inside`] has the last word. With a border that may
-//! show, the window reaches beyond the picture, as far as the largest zoom would give way.
+//! For each frame, in this order: [`Window::rows_part`] is how much of the rows' own motion may be undone, scaled back from [`KNEE`] of the
+//! margin on, gently at first; [`Window::bounds`] is what that leaves to corrections, as planes; the smoother stays inside of these; and
+//! [`Window::correction_part`] checks the map itself, since the picture's edge, as rows and perspective bend it, is no plane. With a
+//! border that may show, the window reaches beyond the picture, as far as the largest zoom would give way.
+
+mod bounds;
 
 use nalgebra::Matrix3;
 
 use crate::geometry::{Homography, OutputMap, Pose};
+use bounds::dot;
+pub use bounds::{Bounds, Rows};
 
 /// What is done about places that the camera did not see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,91 +52,6 @@ const PER_SIDE: usize = 9;
 
 /// Difference of poses over which slopes are taken.
 const STEP: f64 = 1e-4;
-/// Half-spaces there are at most: two ways along each axis for each point of the outline.
-const SIDES: usize = 4 * PER_SIDE * 4;
-
-/// The corrections (differences of poses) that keep the outline inside: where every half-space `normal . correction <= free`.
-#[derive(Clone, Copy, Debug)]
-pub struct Room {
-    sides: [Side; SIDES],
-    used: usize,
-    /// Largest correction of each channel alone, were the rows still.
-    half: Pose,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Side {
-    normal: Pose,
-    /// What is free with the rows' motion as it is, and were they still.
-    free: [f64; 2],
-}
-
-/// Whether the rows' own motion is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rows {
-    /// As it is.
-    Moving,
-    /// As if there were none.
-    Still,
-}
-
-impl Default for Room {
-    /// Everything is allowed.
-    fn default() -> Self {
-        Self { sides: [Side::default(); SIDES], used: 0, half: [f64::INFINITY; 4] }
-    }
-}
-
-impl Room {
-    /// Adds a half-space; `whole` is what it would leave free with no correction and the rows still.
-    pub fn add(&mut self, normal: Pose, free: f64, whole: f64) {
-        if self.used < SIDES {
-            self.sides[self.used] = Side { normal, free: [free.max(0.0), whole.max(0.0)] };
-            self.used += 1;
-        }
-        for (half, slope) in self.half.iter_mut().zip(normal) {
-            if slope.abs() > 1e-9 {
-                *half = half.min(whole.max(0.0) / slope.abs());
-            }
-        }
-    }
-
-    /// Largest correction of each channel alone, were the rows still; infinite for a channel that moves nothing.
-    pub fn half(&self) -> Pose {
-        self.half
-    }
-
-    /// The least and the most that channel `c` of `correction` may be, the others as they are. Both 0 where they leave nothing.
-    ///
-    /// Yaw and pitch each have sides of their own; that of the other, which perspective tilts a little, is not asked: were it full, the
-    /// little would be all. [`Room::reach`] has the last word on both.
-    pub fn of(&self, c: usize, correction: &Pose, rows: Rows) -> [f64; 2] {
-        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-        for Side { normal, free } in &self.sides[..self.used] {
-            if c < 2 && (normal[1 - c] * self.half[1 - c]).abs() > (normal[c] * self.half[c]).abs() {
-                continue;
-            }
-            let left = (free[rows as usize] - dot(normal, correction) + normal[c] * correction[c]).max(0.0);
-            if normal[c] > 1e-9 {
-                high = high.min(left / normal[c]);
-            } else if normal[c] < -1e-9 {
-                low = low.max(left / normal[c]);
-            }
-        }
-        [low, high]
-    }
-
-    /// How far a correction goes: 1 touches a side.
-    pub fn reach(&self, correction: &Pose) -> f64 {
-        let share = |side: &Side| dot(&side.normal, correction) / side.free[0].max(1e-9);
-        self.sides[..self.used].iter().map(share).fold(0.0, f64::max)
-    }
-}
-
-fn dot(a: &Pose, b: &Pose) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-}
-
 /// Sizes of input and output, and the zoom between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Window {
@@ -195,12 +115,12 @@ impl Window {
         [most.map(|most| -self.beyond * most), most.map(|most| (1.0 + self.beyond) * most)]
     }
 
-    /// Takes in how far into the margin a frame's correction reached ([`Window::reach`]): with auto, the zoom follows it.
-    pub fn used(&mut self, reach: f64, interval_s: f64) {
+    /// Takes in the share of the margin that a frame used ([`Window::crop_use`]): with auto, the zoom follows it.
+    pub fn follow_use(&mut self, crop_use: f64, interval_s: f64) {
         if self.auto == 0.0 {
             return;
         }
-        let wanted = if reach >= FULL { MORE * reach } else { reach };
+        let wanted = if crop_use >= FULL { MORE * crop_use } else { crop_use };
         self.need = (self.need * (-interval_s / NEED_S).exp()).max(wanted * (margin(self.zoom) + self.beyond));
         let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(LEAST_AUTO.min(self.auto), self.auto);
         if (goal / self.goal).ln().abs() > IDLE {
@@ -245,9 +165,9 @@ impl Window {
         })
     }
 
-    /// How far the outline reaches into the margin: 0 where `map` moves nothing, 1 where it touches the picture's edge, more
+    /// The share of the margin that a map uses: 0 where it moves nothing, 1 where the outline touches the picture's edge, more
     /// outside. Infinite where there is no margin and the map moves something.
-    pub fn reach(&self, map: &OutputMap, view: &Homography) -> f64 {
+    pub fn crop_use(&self, map: &OutputMap, view: &Homography) -> f64 {
         let [least, limit] = self.limits();
         let mut most = 0.0f64;
         for point in self.outline() {
@@ -269,7 +189,7 @@ impl Window {
 
     /// The corrections for which the outline stays inside, as half-spaces around the correction `near`. `map` gives the map for a
     /// correction: a difference of poses, in whatever units the path has.
-    pub fn room(&self, view: &Homography, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Room {
+    pub fn bounds(&self, view: &Homography, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Bounds {
         let [least, limit] = self.limits();
         let (middle, mut beside) = (map(near), [OutputMap::default(); 4]);
         for (c, moved) in beside.iter_mut().enumerate() {
@@ -277,44 +197,44 @@ impl Window {
             to[c] += STEP;
             *moved = map(to);
         }
-        let mut room = Room::default();
+        let mut bounds = Bounds::default();
         for point in self.outline() {
             let (here, rest) = (middle.apply(point), view.apply(point));
             let moved = beside.map(|map| map.apply(point));
             for i in 0..2 {
                 let slope: Pose = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
                 let along = dot(&slope, &near);
-                for (sign, free, whole) in
+                for (sign, slack, slack_still) in
                     [(1.0, limit[i] - here[i], limit[i] - rest[i]), (-1.0, here[i] - least[i], rest[i] - least[i])]
                 {
                     // an output of another shape has bars beside the picture: there is nothing to hide there
-                    if whole >= -1e-6 && slope.iter().all(|s| s.is_finite()) {
-                        room.add(slope.map(|s| sign * s), free + sign * along, whole);
+                    if slack_still >= -1e-6 && slope.iter().all(|s| s.is_finite()) {
+                        bounds.add(slope.map(|s| sign * s), slack + sign * along, slack_still);
                     }
                 }
             }
         }
-        room
+        bounds
     }
 
     /// The largest part (0 to 1) of a correction for which the outline stays inside; part 0 must.
-    pub fn inside(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
-        if self.reach(&map(1.0), view) <= 1.0 {
+    pub fn correction_part(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+        if self.crop_use(&map(1.0), view) <= 1.0 {
             return 1.0;
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
-            if self.reach(&map(middle), view) <= 1.0 { low = middle } else { high = middle }
+            if self.crop_use(&map(middle), view) <= 1.0 { low = middle } else { high = middle }
         }
         low
     }
 
-    /// The largest part (0 to 1) of a correction for which the outline stays inside, softened from [`KNEE`] of the margin on.
-    /// `map` gives the map for a part of the correction, part 0 must stay inside.
-    pub fn allowed(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
-        let whole = self.reach(&map(1.0), view);
-        let rest = self.reach(&map(0.0), view);
+    /// The largest part (0 to 1) of the rows' motion for which the outline stays inside, softened from [`KNEE`] of the margin on.
+    /// `map` gives the map for a part of the motion, part 0 must stay inside.
+    pub fn rows_part(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+        let whole = self.crop_use(&map(1.0), view);
+        let rest = self.crop_use(&map(0.0), view);
         if whole.max(rest) <= KNEE {
             return 1.0;
         }
@@ -322,7 +242,7 @@ impl Window {
         let (mut low, mut high) = (0.0, 4.0);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
-            if self.reach(&map(middle), view) <= 1.0 { low = middle } else { high = middle }
+            if self.crop_use(&map(middle), view) <= 1.0 { low = middle } else { high = middle }
         }
         soften(1.0 / low.max(1e-6)) * low
     }
@@ -344,7 +264,7 @@ mod tests {
     use crate::geometry::{Pinhole, RowPoses};
 
     #[test]
-    fn the_room_is_what_the_reach_says() {
+    fn the_bounds_are_what_the_crop_use_says() {
         let size = [640, 480];
         let window = Window::new(&Params::default(), size, size);
         let (view, camera) = (window.view(), Pinhole::new(size, 50.0));
@@ -360,23 +280,23 @@ mod tests {
             rows,
         };
         for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]] {
-            let room = window.room(&view, near, map);
+            let bounds = window.bounds(&view, near, map);
             for c in 0..4 {
-                for edge in room.of(c, &near, Rows::Moving) {
+                for edge in bounds.interval(c, &near, Rows::Moving) {
                     // a plane is exact near the correction it was made for, not right across the window
-                    if (edge - near[c]).abs() > 1.1 * room.half()[c] {
+                    if (edge - near[c]).abs() > 1.1 * bounds.alone()[c] {
                         continue;
                     }
                     let mut at = near;
                     at[c] = edge;
-                    let off = window.reach(&map(at), &view);
+                    let off = window.crop_use(&map(at), &view);
                     assert!(
                         (off - 1.0).abs() < if c == 3 { 0.06 } else { 0.03 },
                         "channel {c} of {near:?} at its edge {edge}: reach {off}"
                     );
                 }
-                let [low, high] = room.of(c, &[0.0; 4], Rows::Still);
-                assert!((high - room.half()[c]).abs().min((low + room.half()[c]).abs()) < 0.2 * room.half()[c]);
+                let [low, high] = bounds.interval(c, &[0.0; 4], Rows::Still);
+                assert!((high - bounds.alone()[c]).abs().min((low + bounds.alone()[c]).abs()) < 0.2 * bounds.alone()[c]);
             }
         }
     }
@@ -387,29 +307,29 @@ mod tests {
         let shown = Params { zoom: 1.0, border: Border::Mirror, ..Params::default() };
         let mut window = Window::new(&shown, size, size);
         let camera = Pinhole::new(size, 50.0);
-        let half = |window: &Window| {
+        let alone = |window: &Window| {
             let view = window.view();
             let map = |e: Pose| OutputMap::Projective(Homography(camera.turned(e.map(|x| -x)).0 * view.0));
-            window.room(&view, [0.0; 4], map).half()
+            window.bounds(&view, [0.0; 4], map).alone()
         };
         // no magnification, and about the room of the largest one
         let [wide, hidden] =
-            [window, Window::new(&Params { zoom: shown.max_zoom, ..Params::default() }, size, size)].map(|w| half(&w));
+            [window, Window::new(&Params { zoom: shown.max_zoom, ..Params::default() }, size, size)].map(|w| alone(&w));
         assert!((0..2).all(|c| (0.9..1.1).contains(&(wide[c] / hidden[c]))), "{wide:?} {hidden:?}");
         // with auto it grows to what hides the border that shows
         let mut auto = Window::new(&Params { auto: true, ..shown }, size, size);
         for _ in 0..60 * 30 {
-            auto.used(1.0, 1.0 / 30.0);
+            auto.follow_use(1.0, 1.0 / 30.0);
             auto.glide(1.0 / 30.0);
         }
         assert!((auto.zoom - shown.max_zoom).abs() < 1e-6 && auto.beyond < 1e-6, "{} {}", auto.zoom, auto.beyond);
         window.set_params(&Params { zoom: 1.1, ..Params::default() });
         for _ in 0..60 {
-            let before = half(&window);
+            let before = alone(&window);
             window.glide(1.0 / 30.0);
-            assert!((0..2).all(|c| (half(&window)[c] / before[c] - 1.0).abs() < 0.15));
+            assert!((0..2).all(|c| (alone(&window)[c] / before[c] - 1.0).abs() < 0.15));
         }
-        assert_eq!(half(&window), half(&Window::new(&Params { zoom: 1.1, ..Params::default() }, size, size)));
+        assert_eq!(alone(&window), alone(&Window::new(&Params { zoom: 1.1, ..Params::default() }, size, size)));
     }
 
     #[test]
@@ -432,7 +352,7 @@ mod tests {
         let mut shake = |need: f64| {
             for _ in 0..120 * 30 {
                 let before = window.zoom;
-                window.used((need / margin(window.zoom)).min(1.0), 1.0 / 30.0);
+                window.follow_use((need / margin(window.zoom)).min(1.0), 1.0 / 30.0);
                 window.glide(1.0 / 30.0);
                 let rate = 30.0 * (window.zoom / before).ln();
                 assert!((-SHRINK - 1e-9..=GROW + 1e-9).contains(&rate), "{rate}");

@@ -56,17 +56,19 @@ pub(super) fn offered(backend: &dyn Backend) -> Vec<Value> {
         .filter(|key| is_offered(key))
         .map(|key| {
             let (kind, low, high, step) = match &key.kind {
-                Kind::Number { range: (low, high), .. } => ("number", *low, *high, 0),
+                Kind::Number { range: (low, high), .. } | Kind::NamedNumber { range: (low, high), .. } => ("number", *low, *high, 0),
                 Kind::NumberOrAuto { range: (low, high), .. } => ("number or auto", *low, *high, 0),
                 Kind::Count { range: (low, high), step, .. } => ("count", *low as f64, *high as f64, *step),
                 Kind::Choice { .. } => ("choice", 0.0, 0.0, 0),
                 Kind::Switch { .. } => ("switch", 0.0, 0.0, 0),
                 Kind::SwitchOrAuto { .. } | Kind::Text { .. } | Kind::Form { .. } => ("text", 0.0, 0.0, 0),
             };
+            let names: &[(&str, f64)] = if let Kind::NamedNumber { names, .. } = &key.kind { names } else { &[] };
+            let names: Value = names.iter().map(|(name, number)| ((*name).to_owned(), json!(number))).collect();
             let words: &[&str] = if let Kind::Choice { words, .. } = &key.kind { words } else { &[] };
             json!({
                 "name": key.name, "meaning": key.doc, "unit": key.unit, "range": key.range(), "kind": kind, "low": low, "high": high,
-                "step": step, "words": words, "default": key.shown(&defaults), "live": backend.is_live(key),
+                "step": step, "words": words, "names": names, "default": key.shown(&defaults), "live": backend.is_live(key),
             })
         })
         .collect()

@@ -219,6 +219,8 @@ def recording(browser, address, folder):
     check("a setting changes the paused picture", tab.until(f"{PICTURES} > {seen}"))
     slide(tab, "smooth.lookahead_ms", 100)
     check("so does one that a service would need a restart for", tab.until(STATE % "answer.settings['smooth.lookahead_ms'] === '100.0'"))
+    # The page knows it a moment after the server.
+    check("both are marked as changed", tab.until("document.querySelectorAll('.changed').length === 2"))
     check("what was changed can be saved or undone", tab.until("!document.getElementById('undo').disabled"))
     tab.picture(folder, "recording")
     tab.ask("document.getElementById('undo').click()")

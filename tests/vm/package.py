@@ -239,7 +239,7 @@ with Reader(out) as reader:
                  and "set by process" in journal() and "crop.zoom=1.21\n" not in journal())
     report.check("systemctl reload", works("systemctl", "reload", "gimbald"))
     settings = status().get("settings", {})
-    report.check("takes the file's values", settings.get("crop.zoom") == "1.15" and settings.get("smooth.strength") == "1.0")
+    report.check("takes the file's values", settings.get("crop.zoom") == "1.15" and settings.get("smooth.strength") == '"steady"')
     write("/etc/gimbald.toml", SETTINGS.format(camera="vivid", output=out).replace("30", "15") + "[crop]\nzoom = 1.3\n")
     report.check("SIGHUP", works("systemctl", "kill", "-s", "HUP", "gimbald"))
     report.check("takes what is live", until(5, lambda: status().get("settings", {}).get("crop.zoom") == "1.3"))

@@ -131,6 +131,25 @@ fn values_of_the_command_line_may_be_words_numbers_or_quoted() {
     }
 }
 
+#[test]
+fn strength_is_a_word_or_a_number() {
+    let strength = |text: &str| set(&[text]).map(|settings| settings.pipeline.smooth.strength);
+    for (text, number) in
+        [("follow", 0.3), ("gentle", 0.6), ("steady", 1.0), ("\"tripod\"", 2.0), ("0", 0.0), ("0.45", 0.45), ("1.5", 1.5)]
+    {
+        assert_eq!(strength(&format!("smooth.strength={text}")).unwrap(), number, "{text}");
+    }
+    assert_eq!(read("[smooth]\nstrength = \"tripod\"\n").unwrap().pipeline.smooth.strength, 2.0);
+    let key = keys::find("smooth.strength").unwrap();
+    let shown = |text: &str| key.shown(&set(&[text]).unwrap());
+    assert_eq!([shown("smooth.strength=1"), shown("smooth.strength=0.5")], ["\"steady\"", "0.5"]);
+    for wrong in ["smooth.strength=2.1", "smooth.strength=-0.1", "smooth.strength=Tripod", "smooth.strength=strong"] {
+        let message = strength(wrong).unwrap_err();
+        let told = ["0 to 2", "\"follow\" (0.3)", "\"gentle\" (0.6)", "\"steady\" (1)", "\"tripod\" (2)"];
+        assert!(told.iter().all(|word| message.contains(word)), "{wrong}: {message}");
+    }
+}
+
 /// A key's name or something like it.
 fn names() -> impl Strategy<Value = String> {
     prop_oneof![
@@ -189,7 +208,7 @@ proptest! {
         for settings in [Settings::read(Some(("f", &text)), &[]), Settings::read(None, &sets)].into_iter().flatten() {
             for key in keys::KEYS {
                 match key.kind {
-                    Kind::Number { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
+                    Kind::Number { range, get, .. } | Kind::NamedNumber { range, get, .. } => prop_assert!((range.0..=range.1).contains(&get(&settings))),
                     Kind::NumberOrAuto { range, get, .. } => {
                         prop_assert!(get(&settings).is_none_or(|number| (range.0..=range.1).contains(&number)))
                     }
@@ -211,6 +230,10 @@ proptest! {
             Kind::Number { range: (low, high), set, .. } => set(&mut settings, low + (high - low) * number),
             Kind::NumberOrAuto { range: (low, high), set, .. } => {
                 set(&mut settings, (count % 3 != 0).then_some(low + (high - low) * number));
+            }
+            Kind::NamedNumber { range: (low, high), names, set, .. } => {
+                let named = names[(count % names.len() as u64) as usize].1;
+                set(&mut settings, if count % 2 == 0 { named } else { low + (high - low) * number });
             }
             Kind::Count { range: (low, high), step, set, .. } => {
                 set(&mut settings, low + count % ((high - low) / step + 1) * step);

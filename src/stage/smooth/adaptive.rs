@@ -12,6 +12,9 @@ use crate::geometry::hypot;
 /// After a push, the way to the camera is not covered faster than in so many ticks.
 const CATCH_UP_TICKS: f64 = 2.0;
 
+/// Rate at which speed is worth as much as acceleration where one place is to be held, Hz.
+const TRIPOD_HZ: f64 = 30.0;
+
 /// One channel of the virtual camera.
 #[derive(Clone, Debug, Default)]
 pub struct Drive {
@@ -30,12 +33,14 @@ pub struct Circumstances {
     pub interval_s: f64,
     /// Seconds for which the camera's path from here on is known.
     pub known_s: f64,
-    /// Half of the crop window.
-    pub half: f64,
+    /// The largest correction: the unit of the plan.
+    pub limit: f64,
     /// Least and most correction.
     pub now: [f64; 2],
     /// The same later, as far as is known.
     pub later: [f64; 2],
+    /// How much the virtual camera would rather hold its place than follow, 0 to 1.
+    pub hold: f64,
 }
 
 impl Drive {
@@ -46,31 +51,33 @@ impl Drive {
 
     /// The virtual camera's place.
     pub fn step(&mut self, tuning: &Tuning, forecast: &Forecast, at: &Circumstances) -> f64 {
-        let Circumstances { camera, interval_s, known_s, half, now, later } = *at;
+        let Circumstances { camera, interval_s, known_s, limit, now, later, hold } = *at;
         self.keep_time(forecast.tick_s(), interval_s);
         let ticks = interval_s / self.tick_s;
-        let unforeseen = part(forecast.surprise() / half, tuning.foreseen_to, tuning.unforeseen_from);
+        let unforeseen = part(forecast.surprise() / limit, tuning.foreseen_to, tuning.unforeseen_from);
         let between = |a: f64, b: f64| a + unforeseen * (b - a);
-        let (share, doubt) = (between(tuning.later, tuning.later_unforeseen), between(tuning.doubt, tuning.doubt_unforeseen));
+        let doubt = between(tuning.doubt, tuning.doubt_unforeseen);
+        let share = between(tuning.later, tuning.later_unforeseen);
+        let share = share + hold * (1.0 - share);
         let mut ahead = Ahead {
-            later: later.map(|edge| share * edge / half),
-            known: later.map(|edge| tuning.known * edge / half),
+            later: later.map(|edge| share * edge / limit),
+            known: later.map(|edge| tuning.known * edge / limit),
             tick_s: self.tick_s,
             known_s,
-            drag_hz: drag_hz(tuning, 0.5 * forecast.range(tuning.hold_s) / half),
+            drag_hz: drag_hz(tuning, 0.5 * forecast.range(tuning.hold_s) / limit, hold),
             ..Ahead::default()
         };
         for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
             let seconds = i as f64 * self.tick_s - known_s;
             let (expected, error) = forecast.at(seconds);
-            *place = (expected - camera) / half;
-            let believed = doubt * hypot(error / half, tuning.least_deviation);
+            *place = (expected - camera) / limit;
+            let believed = doubt * hypot(error / limit, tuning.least_deviation);
             *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
         }
         let Motion { place, speed, acceleration, ticks: before } = self.motion;
         let motion =
-            Motion { place: (place - camera) / half, speed: speed / half, acceleration: acceleration / half, ticks: before };
-        let planned = camera + half * plan::next(tuning, &motion, ticks, &ahead);
+            Motion { place: (place - camera) / limit, speed: speed / limit, acceleration: acceleration / limit, ticks: before };
+        let planned = camera + limit * plan::next(tuning, &motion, ticks, &ahead);
         let place = camera + (planned - camera).clamp(now[0], now[1]);
         let mut speed = (place - self.motion.place) / ticks;
         if place != planned {
@@ -104,9 +111,10 @@ impl Drive {
 }
 
 /// How much the virtual camera would rather stand, where what the camera did of late takes `range` windows: shake about a place
-/// that fits is not worth a step; who goes elsewhere is followed.
-fn drag_hz(tuning: &Tuning, range: f64) -> f64 {
-    tuning.hold_hz * (tuning.follow_hz / tuning.hold_hz).powf(part(range, tuning.hold_to, tuning.follow_from))
+/// that fits is not worth a step; a camera that goes elsewhere is followed. The more so, the more (0 to 1) it is to `hold` its place.
+fn drag_hz(tuning: &Tuning, range: f64, hold: f64) -> f64 {
+    let follow = part(range, tuning.hold_to, tuning.follow_from) * (1.0 - hold);
+    tuning.hold_hz * (tuning.follow_hz / tuning.hold_hz).powf(follow) * (TRIPOD_HZ / tuning.hold_hz).powf(hold)
 }
 
 /// How far `value` is on its way from `none`, or less, to `all`, or more: 0 to 1.

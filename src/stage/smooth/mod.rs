@@ -2,9 +2,8 @@
 //!
 //! Two drives move it: one that forecasts the camera and plans its way through the crop window ([`Mode::Adaptive`]), and the paper's
 //! low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. With look-ahead,
-//! cameras are observed ([`Smoother::observe`]) before their frames are placed ([`Smoother::step`]). Whatever they
-//! want, the crop window has the last word, frame by frame, on all that turns and zooms together. All is in seconds, so that the rate of
-//! the frames changes little.
+//! cameras are observed ([`Smoother::observe`]) before their frames are placed ([`Smoother::step`]). In both, a correction stays inside
+//! of the bounds that it is given, frame by frame. All times are in seconds, so that the rate of the frames changes little.
 
 mod adaptive;
 mod forecast;
@@ -14,9 +13,9 @@ mod tuning;
 
 use std::f64::consts::TAU;
 
-use super::crop::{Room, Rows};
+use super::crop::{Bounds, Rows};
 use super::shutter::Ends;
-use crate::geometry::Pose;
+use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM};
 use adaptive::Circumstances;
 use forecast::Forecast;
 pub use tuning::Tuning;
@@ -36,7 +35,8 @@ pub enum Mode {
 pub struct Params {
     /// Which drive.
     pub mode: Mode,
-    /// How steady: the part of the crop window that may be used (0 to 1). 0 takes out nothing but rolling shutter.
+    /// How steady. Up to 1, the part of the crop window that may be used; 0 removes nothing but rolling shutter. From 1 to [`TRIPOD`],
+    /// adaptive alone: how much the virtual camera would rather hold its place than follow.
     pub strength: f64,
     /// Adaptive alone: milliseconds by which frames may be late so that the path is planned with what comes (0 to 500).
     pub lookahead_ms: f64,
@@ -57,13 +57,15 @@ impl Default for Params {
     }
 }
 
+/// The strength with which one place is held for as long as the window lasts.
+pub const TRIPOD: f64 = 2.0;
 /// Longest step of the paper's filter, seconds.
 const STEP_S: f64 = 0.0085;
-/// The order of the channels: what turns takes its part of the window first, the rest is for yaw and pitch.
-const ORDER: [usize; 4] = [3, 2, 0, 1];
-/// Part of the window that roll and zoom may take.
+/// The order of the channels: roll and zoom take their part of the window first, the rest is for yaw and pitch.
+const ORDER: [usize; 4] = [ZOOM, ROLL, YAW, PITCH];
+/// Part of its own bound that each channel may take, at most.
 const SHARE: [f64; 4] = [1.0, 1.0, 0.8, 0.25];
-/// Part of the window that is never used: what the window's description leaves out.
+/// Part of the window that is never used: the bounds are planes, the picture's edge is not quite.
 const SPARE: f64 = 0.005;
 /// Seconds in which strength goes from 0 to 1.
 const STRENGTH_S: f64 = 1.0;
@@ -78,8 +80,8 @@ pub struct Smoother {
     /// Whether a stream has begun: whether a camera was observed, and whether the virtual one was placed.
     observed: bool,
     begun: bool,
-    /// Half of the crop window, as it was last.
-    half: Pose,
+    /// The largest correction of each channel at full strength, as it was last; infinite for one that moves nothing.
+    limit: Pose,
     channels: [Channel; 4],
 }
 
@@ -122,7 +124,7 @@ impl Smoother {
             strength: params.strength,
             observed: false,
             begun: false,
-            half: [0.0; 4],
+            limit: [0.0; 4],
             channels: [channel(), channel(), channel(), channel()],
         }
     }
@@ -134,14 +136,14 @@ impl Smoother {
 
     /// A stream begins: the next path is followed from where it is.
     pub fn begin(&mut self) {
-        (self.observed, self.begun, self.half) = (false, false, [0.0; 4]);
+        (self.observed, self.begun, self.limit) = (false, false, [0.0; 4]);
         self.strength = self.params.strength;
     }
 
     /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends` where the frame's rows began and ended.
     pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: Ends<Pose>) {
         for (c, channel) in self.channels.iter_mut().enumerate() {
-            let unit = if self.params.mode == Mode::Adaptive { self.half[c] } else { 0.0 };
+            let unit = if self.params.mode == Mode::Adaptive { self.limit[c] } else { 0.0 };
             let ends = ends.map(|end| end[c]);
             match self.observed {
                 true => channel.forecast.observe(&self.tuning, camera[c], interval_s, ends, unit),
@@ -156,10 +158,11 @@ impl Smoother {
         if self.begun { std::array::from_fn(|c| self.channels[c].correction()) } else { [0.0; 4] }
     }
 
-    /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `room`. What was observed
+    /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `bounds`. What was observed
     /// last is `known_s` seconds later.
-    pub fn step(&mut self, camera: Pose, interval_s: f64, known_s: f64, room: &Room) -> Pose {
-        self.half = std::array::from_fn(|c| room.half()[c] * SHARE[c]);
+    pub fn step(&mut self, camera: Pose, interval_s: f64, known_s: f64, bounds: &Bounds) -> Pose {
+        let alone = bounds.alone();
+        self.limit = std::array::from_fn(|c| alone[c] * SHARE[c]);
         if !self.begun {
             self.begun = true;
             for (channel, camera) in self.channels.iter_mut().zip(camera) {
@@ -167,23 +170,27 @@ impl Smoother {
             }
             return camera;
         }
-        let goal = self.params.strength.clamp(0.0, 1.0);
+        let goal = self.params.strength.clamp(0.0, TRIPOD);
         self.strength += (goal - self.strength).clamp(-interval_s / STRENGTH_S, interval_s / STRENGTH_S);
+        let hold = (self.strength - 1.0).clamp(0.0, TRIPOD - 1.0);
         for c in ORDER {
-            let half = self.half[c] * self.strength;
-            if !half.is_finite() || half <= 0.0 {
+            let limit = self.limit[c] * self.part();
+            if !limit.is_finite() || limit <= 0.0 {
                 // a channel that moves nothing, or no window at all
                 self.channels[c].follow(camera[c]);
                 continue;
             }
-            let later = self.allowed(room, c, Rows::Still);
+            let later = self.interval(bounds, c, Rows::Still);
             let before = std::mem::replace(&mut self.channels[c].camera, camera[c]);
-            let now = self.allowed(room, c, Rows::Moving);
+            let now = self.interval(bounds, c, Rows::Moving);
             let channel = &mut self.channels[c];
             if interval_s > 0.0 {
                 match self.params.mode {
                     Mode::Adaptive => {
-                        channel.drive(&self.tuning, Circumstances { camera: camera[c], interval_s, known_s, half, now, later });
+                        channel.drive(
+                            &self.tuning,
+                            Circumstances { camera: camera[c], interval_s, known_s, limit, now, later, hold },
+                        );
                     }
                     Mode::Iir => channel.filter(self.params.cutoff_hz, before, interval_s, later),
                 }
@@ -192,25 +199,30 @@ impl Smoother {
             channel.slip(held - channel.place);
         }
         // the channels were held back one by one, each for what the others were: together they may still be too much
-        let reach = room.reach(&self.correction());
-        if reach > 1.0 - 0.5 * SPARE {
+        let crop_use = bounds.crop_use(&self.correction());
+        if crop_use > 1.0 - 0.5 * SPARE {
             for channel in &mut self.channels {
-                channel.slip(channel.correction() * ((1.0 - SPARE) / reach - 1.0));
+                channel.slip(channel.correction() * ((1.0 - SPARE) / crop_use - 1.0));
             }
         }
         std::array::from_fn(|c| self.channels[c].place)
     }
 
-    /// The least and the most that channel `c` may correct, the others as they are.
-    fn allowed(&self, room: &Room, c: usize, rows: Rows) -> [f64; 2] {
+    /// The part of the window that may be used.
+    fn part(&self) -> f64 {
+        self.strength.min(1.0)
+    }
+
+    /// The least and the most that channel `c` may correct, the others as they are; roll and zoom do not ask yaw and pitch.
+    fn interval(&self, bounds: &Bounds, c: usize, rows: Rows) -> [f64; 2] {
         let mut correction = self.correction();
         if SHARE[c] < 1.0 {
-            (correction[0], correction[1]) = (0.0, 0.0);
+            (correction[YAW], correction[PITCH]) = (0.0, 0.0);
         }
-        let whole = self.strength * (1.0 - SPARE);
-        let most = if SHARE[c] < 1.0 { SHARE[c] * room.half()[c] } else { f64::INFINITY };
-        let [low, high] = room.of(c, &correction, rows);
-        [low.max(-most) * whole, high.min(most) * whole]
+        let part = self.part() * (1.0 - SPARE);
+        let most = if SHARE[c] < 1.0 { self.limit[c] } else { f64::INFINITY };
+        let [low, high] = bounds.interval(c, &correction, rows);
+        [low.max(-most) * part, high.min(most) * part]
     }
 }
 

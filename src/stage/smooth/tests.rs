@@ -14,22 +14,22 @@ fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f6
 }
 
 /// A frame that is placed as soon as it is seen.
-fn step(smoother: &mut Smoother, camera: Pose, interval_s: f64, room: &Room) -> Pose {
+fn step(smoother: &mut Smoother, camera: Pose, interval_s: f64, bounds: &Bounds) -> Pose {
     smoother.observe(camera, interval_s, Ends::default());
-    smoother.step(camera, interval_s, 0.0, room)
+    smoother.step(camera, interval_s, 0.0, bounds)
 }
 
 /// A window so wide that nothing touches it.
-fn wide() -> Room {
-    let mut room = Room::default();
+fn wide() -> Bounds {
+    let mut bounds = Bounds::default();
     for c in 0..4 {
         for sign in [-1.0, 1.0] {
             let mut normal = [0.0; 4];
             normal[c] = sign;
-            room.add(normal, 1e9, 1e9);
+            bounds.add(normal, 1e9, 1e9);
         }
     }
-    room
+    bounds
 }
 
 #[test]
@@ -67,32 +67,32 @@ fn a_sine_at_the_cutoff_loses_three_decibels() {
 }
 
 /// A window as a 640 x 480 picture at a zoom of 1.1 has it, in pixels: roll takes from yaw and pitch.
-fn window() -> Room {
-    let mut room = Room::default();
+fn window() -> Bounds {
+    let mut bounds = Bounds::default();
     for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
         for sign in [-1.0, 1.0] {
-            room.add([sign, 0.1 * sign * x * y, 0.6 * sign * y, 20.0 * sign * x], 29.0, 29.0);
-            room.add([0.1 * sign * x * y, sign, 0.8 * sign * x, 20.0 * sign * y], 22.0, 22.0);
+            bounds.add([sign, 0.1 * sign * x * y, 0.6 * sign * y, 20.0 * sign * x], 29.0, 29.0);
+            bounds.add([0.1 * sign * x * y, sign, 0.8 * sign * x, 20.0 * sign * y], 22.0, 22.0);
         }
     }
-    room
+    bounds
 }
 
 /// The virtual camera's path for the camera's, both pixels.
 fn follow(params: Params, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
     let mut smoother = Smoother::new(&params);
-    let room = window();
+    let bounds = window();
     (0..(rate * seconds) as usize)
         .map(|k| {
             let camera = path(k as f64 / rate);
-            (camera, step(&mut smoother, camera, if k > 0 { 1.0 / rate } else { 0.0 }, &room))
+            (camera, step(&mut smoother, camera, if k > 0 { 1.0 / rate } else { 0.0 }, &bounds))
         })
         .collect()
 }
 
 /// The same where frames may be so many late.
 fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
-    let (mut smoother, room) = (Smoother::new(&Params::default()), window());
+    let (mut smoother, bounds) = (Smoother::new(&Params::default()), window());
     let interval = |k: usize| if k > 0 { 1.0 / rate } else { 0.0 };
     let (count, mut seen) = ((rate * seconds) as usize, 0);
     (0..count)
@@ -102,7 +102,7 @@ fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose)
                 seen += 1;
             }
             let camera = path(k as f64 / rate);
-            (camera, smoother.step(camera, interval(k), (seen - 1 - k) as f64 / rate, &room))
+            (camera, smoother.step(camera, interval(k), (seen - 1 - k) as f64 / rate, &bounds))
         })
         .collect()
 }
@@ -136,12 +136,12 @@ fn nothing_ever_leaves_the_window() {
     for seed in 0..60 {
         for rate in [15.0, 25.0, 30.0, 60.0] {
             for mode in MODES {
-                for strength in [1.0, 0.5] {
+                for strength in [1.0, 0.5, TRIPOD] {
                     let params = Params { mode, strength, ..Params::default() };
                     let rms = [3.0, 10.0, 40.0, 150.0][seed as usize % 4];
                     for (camera, place) in follow(params, rate, 5.0, shake(seed, rms)) {
-                        let reach = window().reach(&std::array::from_fn(|c| place[c] - camera[c]));
-                        assert!(reach <= 1.0, "seed {seed}, {rate} fps, {mode:?}: {reach}");
+                        let crop_use = window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+                        assert!(crop_use <= 1.0, "seed {seed}, {rate} fps, {mode:?}: {crop_use}");
                     }
                 }
             }
@@ -157,8 +157,8 @@ fn look_ahead_leaves_the_window_never_and_is_steadier_the_farther_it_looks() {
         for (late_s, sum) in [0.0, 0.1, 0.4].into_iter().zip(&mut sums) {
             let path = follow_late((late_s * rate) as usize, rate, 8.0, shake(seed, [3.0, 8.0, 15.0, 40.0][seed as usize % 4]));
             for (camera, place) in &path {
-                let reach = window().reach(&std::array::from_fn(|c| place[c] - camera[c]));
-                assert!(reach <= 1.0, "seed {seed}, {late_s} s: {reach}");
+                let crop_use = window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+                assert!(crop_use <= 1.0, "seed {seed}, {late_s} s: {crop_use}");
             }
             let rms = |which: fn(&(Pose, Pose)) -> Pose| {
                 let second = |w: &[(Pose, Pose)]| {
@@ -269,14 +269,47 @@ fn the_output_never_shakes_harder_than_the_input() {
 }
 
 #[test]
+fn a_tripod_holds_one_place_for_as_long_as_the_window_lasts() {
+    for rate in [15.0, 30.0, 60.0] {
+        // away at an even speed, to the edge of a window of 29 pixels after three seconds; a steady camera follows, a tripod stands
+        let away = |t: f64| [29.0 / 3.0 * t + 2.0 * ((TAU * 1.3 * t).cos() - 1.0), 0.0, 0.0, 0.0];
+        let until = |strength: f64| {
+            let path = follow(Params { strength, ..Params::default() }, rate, 8.0, away);
+            let first = path.iter().position(|(_, place)| place[0].abs() > 0.5);
+            first.map_or(0.0, |k| path[k].0[0]) / 29.0
+        };
+        let held = [until(1.0), until(TRIPOD)];
+        println!("{rate} fps: held up to {held:.2?} of the window");
+        assert!(held[0] < held[1] - 0.1 && (0.9..1.05).contains(&held[1]), "{rate} fps: {held:?}");
+        // and what comes back is held altogether, in every channel
+        let sway = |t: f64| [0.0, 16.0 * (TAU * 0.2 * t).sin(), 0.0, 0.0];
+        let path = follow(Params { strength: TRIPOD, ..Params::default() }, rate, 12.0, sway);
+        let most = path.iter().map(|(_, place)| place[1].abs()).fold(0.0, f64::max);
+        assert!(most < 0.5, "{rate} fps: {most} px of a sway of 16");
+    }
+}
+
+#[test]
+fn the_stronger_the_steadier() {
+    for seed in 0..12 {
+        let rms = [0.0, 0.3, 0.6, 1.0].map(|strength| {
+            let path = follow(Params { strength, ..Params::default() }, 30.0, 8.0, shake(seed, 12.0));
+            let way = |w: &[(Pose, Pose)]| (0..2).map(|c| (w[1].1[c] - w[0].1[c]).powi(2)).sum::<f64>();
+            path.windows(2).map(way).sum::<f64>().sqrt()
+        });
+        assert!(rms.windows(2).all(|pair| pair[1] < pair[0]), "seed {seed}: {rms:.2?} px");
+    }
+}
+
+#[test]
 fn strength_and_mode_glide() {
     let mut smoother = Smoother::new(&Params::default());
-    let (room, path) = (window(), shake(5, 6.0));
+    let (bounds, path) = (window(), shake(5, 6.0));
     let changes = [
         Params { strength: 0.0, ..Params::default() },
         Params::default(),
         Params { mode: Mode::Iir, ..Params::default() },
-        Params::default(),
+        Params { strength: TRIPOD, ..Params::default() },
     ];
     let mut last: Option<(Pose, Pose)> = None;
     for k in 0..450 {
@@ -284,7 +317,7 @@ fn strength_and_mode_glide() {
             smoother.set_params(&changes[k / 90 % 4]);
         }
         let camera = path(k as f64 / 30.0);
-        let place = step(&mut smoother, camera, 1.0 / 30.0, &room);
+        let place = step(&mut smoother, camera, 1.0 / 30.0, &bounds);
         if let Some((camera_before, before)) = last {
             // a correction is given up within a second: no faster than a few pixels a frame
             let (moved, by) = ((place[0] - before[0]).abs(), (camera[0] - camera_before[0]).abs());

@@ -363,7 +363,7 @@ const slider_of = (entry, row) => {
   entry.show = value => {
     const is_auto = bare(value) === "auto";
     if (entry.auto) entry.auto.checked = is_auto;
-    if (!is_auto) input.value = value;
+    if (!is_auto) input.value = entry.key.names[bare(value)] ?? value;
   };
   return input;
 };

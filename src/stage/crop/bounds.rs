@@ -1,0 +1,128 @@
+//! The corrections that the crop margin allows, as half-spaces.
+//!
+//! A correction is a difference of poses: (yaw, pitch, roll, log zoom), or what the shutter model has in their place. Each point of the
+//! output's outline must stay inside of the picture, left, right, above and below; near a correction that is a plane:
+//! `normal . correction <= slack`, in pixels.
+
+use crate::geometry::{PITCH, Pose, ROLL, YAW};
+
+/// Half-spaces at most: two ways along each axis for each point of the outline.
+pub(super) const MAX_PLANES: usize = 4 * super::PER_SIDE * 4;
+
+/// The corrections that keep the outline inside.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    planes: [HalfSpace; MAX_PLANES],
+    count: usize,
+    alone: Pose,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct HalfSpace {
+    /// Pixels to a channel's unit.
+    normal: Pose,
+    /// Pixels: with the rows' motion as it is, and without.
+    slack: [f64; 2],
+}
+
+/// Whether the rows' own motion is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rows {
+    /// As it is.
+    Moving,
+    /// As if there were none.
+    Still,
+}
+
+impl Default for Bounds {
+    /// Everything is allowed.
+    fn default() -> Self {
+        Self { planes: [HalfSpace::default(); MAX_PLANES], count: 0, alone: [f64::INFINITY; 4] }
+    }
+}
+
+impl Bounds {
+    /// Adds a half-space. `slack` is with the rows' motion, `slack_still` without.
+    pub fn add(&mut self, normal: Pose, slack: f64, slack_still: f64) {
+        if self.count < MAX_PLANES {
+            self.planes[self.count] = HalfSpace { normal, slack: [slack.max(0.0), slack_still.max(0.0)] };
+            self.count += 1;
+        }
+        for (alone, slope) in self.alone.iter_mut().zip(normal) {
+            if slope.abs() > 1e-9 {
+                *alone = alone.min(slack_still.max(0.0) / slope.abs());
+            }
+        }
+    }
+
+    fn planes(&self) -> &[HalfSpace] {
+        &self.planes[..self.count]
+    }
+
+    /// Largest correction of each channel while the others are 0 and the rows are still; infinite for a channel that moves nothing.
+    pub fn alone(&self) -> Pose {
+        self.alone
+    }
+
+    /// The least and the most that one channel of `correction` may be, the others as they are. Both 0 where they leave nothing.
+    ///
+    /// Yaw and pitch each have planes of their own; those of the other, which perspective tilts a little, are left out: were that channel
+    /// at its bound, the little would be everything. [`Bounds::crop_use`] counts all.
+    pub fn interval(&self, channel: usize, correction: &Pose, rows: Rows) -> [f64; 2] {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for plane in self.planes() {
+            if channel < ROLL && self.side_of(plane) != channel {
+                continue;
+            }
+            let slope = plane.normal[channel];
+            let left = (plane.slack[rows as usize] - dot(&plane.normal, correction) + slope * correction[channel]).max(0.0);
+            if slope > 1e-9 {
+                high = high.min(left / slope);
+            } else if slope < -1e-9 {
+                low = low.max(left / slope);
+            }
+        }
+        [low, high]
+    }
+
+    /// Which of yaw and pitch a plane mostly bounds.
+    fn side_of(&self, plane: &HalfSpace) -> usize {
+        let part = |c: usize| (plane.normal[c] * self.alone[c]).abs();
+        if part(PITCH) > part(YAW) { PITCH } else { YAW }
+    }
+
+    /// The share of the margin that a correction uses, with the rows' motion as it is: 1 touches the picture's edge.
+    pub fn crop_use(&self, correction: &Pose) -> f64 {
+        let share = |plane: &HalfSpace| dot(&plane.normal, correction) / plane.slack[Rows::Moving as usize].max(1e-9);
+        self.planes().iter().map(share).fold(0.0, f64::max)
+    }
+}
+
+pub(super) fn dot(a: &Pose, b: &Pose) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::ZOOM;
+
+    /// What roll takes at the corners is not for yaw and pitch, and what a channel may be alone is less beside others.
+    #[test]
+    fn channels_share_the_margin() {
+        let mut bounds = Bounds::default();
+        for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            bounds.add([x, 0.0, 0.5 * y, 0.0], 27.0, 30.0);
+            bounds.add([0.0, y, 0.5 * x, 0.0], 18.0, 20.0);
+        }
+        assert_eq!(bounds.alone(), [30.0, 20.0, 40.0, f64::INFINITY]);
+        let correction = [20.0, -5.0, 8.0, 0.0];
+        assert_eq!(bounds.interval(YAW, &correction, Rows::Still), [-26.0, 26.0]);
+        assert_eq!(bounds.interval(PITCH, &correction, Rows::Moving), [-14.0, 14.0]);
+        assert_eq!(bounds.interval(ROLL, &correction, Rows::Still), [-20.0, 20.0]);
+        assert_eq!(bounds.interval(ZOOM, &correction, Rows::Still), [f64::NEG_INFINITY, f64::INFINITY]);
+        assert!((bounds.crop_use(&correction) - 24.0 / 27.0).abs() < 1e-12);
+        // yaw is at its bound where roll leaves 26 of 30; pitch is not asked
+        assert_eq!(bounds.interval(YAW, &[0.0, 20.0, 8.0, 0.0], Rows::Still), [-26.0, 26.0]);
+    }
+}
