@@ -209,7 +209,12 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
         }
         let map = |correction: Pose, part: f64| {
             let turn = camera.turned(correction.map(|value| -value));
-            OutputMap::Rows { view: Homography(turn.0 * view.0).scaled(), camera, rows: rows.part(part) }
+            OutputMap::Rows {
+                window: Homography::IDENTITY,
+                view: Homography(turn.0 * view.0).scaled(),
+                camera,
+                rows: rows.part(part),
+            }
         };
         let part = window.rows_part(&view, |part| map([0.0; 4], part));
         let bounds = window.bounds(&view, smoother.correction(), |correction| map(correction, part));

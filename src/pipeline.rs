@@ -107,6 +107,9 @@ const LONGEST_HELD_NS: i64 = 2_000_000_000;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough. With look-ahead, more by
 /// what it holds.
 const MOST_WAITING: usize = 3;
+/// Frames that look-ahead may hold: half a second, the longest that can be set, at 480 a second. The header of a recording may claim any rate,
+/// and memory is taken for as many.
+const MAX_AHEAD: usize = 240;
 
 /// The name of the instruction set that pixel loops use here: `scalar`, `avx2` or `neon`.
 pub fn simd() -> &'static str {
@@ -415,7 +418,7 @@ fn timed(frame: &mut Frame, stage: Stage, step: impl FnOnce(&mut Frame)) {
 
 /// Frames that wait for what comes, at most.
 fn ahead(lookahead_s: f64, nominal_s: f64) -> usize {
-    (lookahead_s / nominal_s).ceil() as usize
+    ((lookahead_s / nominal_s).ceil() as usize).min(MAX_AHEAD)
 }
 
 fn size(frame: &Frame) -> [usize; 2] {

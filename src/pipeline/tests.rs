@@ -92,3 +92,14 @@ fn stamps_that_stand_still_hold_no_picture_for_ever() {
         assert!(first.is_some_and(|first| (28..=FIRST_REPLACED + 1).contains(&first)), "{kind}: {first:?}");
     }
 }
+
+#[test]
+fn a_rate_that_no_camera_has_takes_no_memory_for_look_ahead() {
+    let params = Params { smooth: smooth::Params { lookahead_ms: 500.0, ..Default::default() }, ..Params::default() };
+    let frames = |fps| {
+        let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::I420, (1, fps));
+        Stabilizer::new(&params, &format, &format).frames()
+    };
+    assert_eq!(frames(30), FRAMES + 15);
+    assert_eq!(frames(1_000_000_000), FRAMES + MAX_AHEAD);
+}
