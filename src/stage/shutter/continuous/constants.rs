@@ -40,9 +40,9 @@ const ASKED_ALL_S: f64 = 10.0;
 const ASKED_EVERY: u32 = 3;
 /// Part of its distance to what was found that the readout time goes at a time.
 const GLIDE: f64 = 0.05;
-/// How far off it the readout time must be to be found out anew (frame intervals).
+/// How far off it the readout time must be for its search to restart (frame intervals).
 const FAR: f64 = 0.25;
-/// Fields of view that a camera may have (degrees): what is found out stays between.
+/// Fields of view that a camera may have (degrees): an estimate stays between.
 pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Distance from them at which one counts as there.
 const EDGE_DEG: f64 = 0.1;
@@ -89,7 +89,7 @@ impl Continuous {
     }
 
     /// The readout time is far from what was believed: `readout_s` is believed instead, and what it rested on forgotten.
-    fn look_anew(&mut self, readout_s: f64) {
+    fn restart_search(&mut self, readout_s: f64) {
         self.calibration.readout_s = readout_s;
         self.calibration.readout_deviation_s = READOUT_SPREAD * self.interval_s;
         let log_focal = if self.unknown[1] { HFOV_SPREAD_DEG / self.degrees_per_log_focal() } else { 0.0 };
@@ -97,7 +97,7 @@ impl Continuous {
         self.globals = Globals::new([READOUT_SPREAD * self.interval_s, log_focal, k1]);
         self.filter.forget_globals();
         self.agreement = Agreement::default();
-        self.anew = true;
+        self.restarting = true;
     }
 
     /// Takes over what the last pair said of the camera, and starts from there.
@@ -115,7 +115,7 @@ impl Continuous {
         let interval_s = self.interval_s;
         let [least_s, most_s] = self.first_look();
         if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
-            return self.look_anew(0.5 * (least_s + most_s));
+            return self.restart_search(0.5 * (least_s + most_s));
         }
         // the rows are drawn by it, so it glides
         let to_readout_s = readout_s + GLIDE * ((readout_s + readout).clamp(least_s, most_s) - readout_s);

@@ -147,7 +147,7 @@ impl Filter {
         self.spacing_s
     }
 
-    /// Begins anew at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
+    /// Restarts at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
     pub fn restart(&mut self, time_s: f64, pose: Pose, spacing_s: f64) {
         // what the old points knew of the globals is kept
         let n = self.unknowns();

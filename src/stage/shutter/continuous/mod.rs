@@ -117,8 +117,8 @@ pub struct Continuous {
     wary: f64,
     /// The usual number of inliers.
     usual: f64,
-    /// Whether the path is to begin anew: its rows were timed by a readout that was far off.
-    anew: bool,
+    /// Whether the path is to restart: its rows were timed by a readout that was far off.
+    restarting: bool,
     newest: Motion,
 }
 
@@ -150,7 +150,7 @@ impl Continuous {
             pairs: 0,
             wary: 0.0,
             usual: 0.0,
-            anew: false,
+            restarting: false,
             newest: Motion {
                 rows: RowMotion::default(),
                 motion: [0.0; 4],
@@ -175,7 +175,7 @@ impl Continuous {
         self.unevenness = Unevenness::default();
         self.agreement = Agreement::default();
         self.slope = Slope::default();
-        self.anew = false;
+        self.restarting = false;
         (self.wary, self.usual, self.pairs) = (0.0, 0.0, 0);
         self.newest = Motion {
             rows: self.rows(|_| [0.0; 4]),
@@ -216,8 +216,8 @@ impl Continuous {
         self.pairs = self.pairs.wrapping_add(1);
         let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
-        let anew = std::mem::take(&mut self.anew);
-        let restarted = anew || changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
+        let restarting = std::mem::take(&mut self.restarting);
+        let restarted = restarting || changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
         if self.interval_s == 0.0 {
             self.expect(pair.interval_s);
         }
@@ -227,7 +227,7 @@ impl Continuous {
         if restarted || !self.filter.extend_to(last_s) {
             let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
-            if anew {
+            if restarting {
                 self.filter.forget_globals();
             }
             self.filter.extend_to(last_s);
