@@ -3,6 +3,7 @@
     python3 tests/view/browser.py CHROMIUM DAEMON-PAGE-ADDRESS RECORDING-PAGE-ADDRESS REPORT-FILE [FOLDER-FOR-PICTURES]
 """
 import base64
+import fcntl
 import json
 import os
 import select
@@ -28,21 +29,21 @@ class Browser:
 
     def __init__(self, program):
         self.profile = tempfile.mkdtemp(prefix="gimbald-chromium-")
+        self.said = tempfile.TemporaryFile()
         ours_out, theirs_in = os.pipe()
         theirs_out, ours_in = os.pipe()
 
-        # The protocol's descriptors are 3 and 4, whatever ours are.
+        # The protocol's descriptors are 3 and 4, whatever ours are: first out of the way of both.
         def arrange():
-            spare = [os.dup(theirs_out), os.dup(theirs_in)]
-            spare = [os.dup2(fd, 10 + i, inheritable=True) for i, fd in enumerate(spare)]
-            os.dup2(10, 3, inheritable=True)
-            os.dup2(11, 4, inheritable=True)
+            spare = [fcntl.fcntl(fd, fcntl.F_DUPFD, 64) for fd in (theirs_out, theirs_in)]
+            for fd, place in zip(spare, (3, 4)):
+                os.dup2(fd, place, inheritable=True)
 
         self.process = subprocess.Popen(
             [program, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
              "--disable-component-update", "--disable-sync", "--disable-extensions", "--disable-dev-shm-usage", "--disable-backgrounding-occluded-windows",
              f"--user-data-dir={self.profile}", "--remote-debugging-pipe", "about:blank"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=arrange, close_fds=False)
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.said, preexec_fn=arrange, close_fds=False)
         os.close(theirs_in)
         os.close(theirs_out)
         self.read_end, self.write_end, self.rest, self.count = ours_out, ours_in, b"", 0
@@ -70,7 +71,8 @@ class Browser:
         if select.select([self.read_end], [], [], max(0, end - time.monotonic()))[0]:
             heard = os.read(self.read_end, 1 << 20)
             if not heard:
-                raise EOFError("the browser has ended")
+                self.said.seek(0)
+                raise EOFError("the browser has ended; it said: " + self.said.read().decode(errors="replace")[-3000:])
             self.rest += heard
         *whole, self.rest = self.rest.split(b"\0")
         return [json.loads(text) for text in whole]
