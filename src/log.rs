@@ -40,10 +40,10 @@ pub fn begin(level: Level) {
     }
 }
 
-/// Tells from now on what is at least as important as `level`; nothing where nobody began.
+/// Tells from now on what is at least as important as `level`; nothing where logging was not begun.
 pub fn set(level: Level) {
     if let Some(handle) = FILTER.get() {
-        // Refused only where the subscriber is gone, and then nobody is told anything.
+        // Refused only where the subscriber is gone, and then nothing is logged any more.
         let _ = handle.reload(filter(level));
     }
 }

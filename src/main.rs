@@ -11,7 +11,7 @@ fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help and version are no errors, and go to standard output. Nobody is left to tell that the terminal is gone.
+            // Help and version are no errors, and go to standard output. Where the terminal is gone there is no place for an error either.
             let _ = error.print();
             return if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() };
         }

@@ -225,7 +225,7 @@ impl Stabilizer {
         self.slots.iter().rposition(|slot| slot.frame.intact && !slot.frame.context.repeat)
     }
 
-    /// A stream begins, or begins anew in another size: there is nothing to compare the frame with.
+    /// A stream begins, or goes on in another size: there is nothing to compare the frame with.
     fn begin(&mut self, frame: &mut Frame) {
         self.end();
         self.window = crop::Window::new(&self.params.crop, size(frame), self.output);
@@ -396,7 +396,7 @@ impl Stabilizer {
         Ok(Some(self.slots[index].frame.context.outcome))
     }
 
-    /// A frame that nobody looks back at any more, to be filled anew.
+    /// A frame that no later one is compared with any more, to be filled again.
     pub fn give_back(&mut self) -> Option<Box<Frame>> {
         let reference = self.reference();
         let shown_again = |i: usize| {

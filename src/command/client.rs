@@ -108,8 +108,8 @@ impl Target {
         for path in self.sockets()? {
             match Connection::open(&path) {
                 Ok(connection) => return Ok(connection),
-                Err(ClientError::Nobody { .. }) if first.is_some() => {}
-                Err(error @ ClientError::Nobody { .. }) => first = Some(error),
+                Err(ClientError::NotRunning { .. }) if first.is_some() => {}
+                Err(error @ ClientError::NotRunning { .. }) => first = Some(error),
                 Err(error) => return Err(error.into()),
             }
         }

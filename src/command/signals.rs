@@ -1,4 +1,4 @@
-//! What the service does on signals: SIGTERM and Ctrl-C end it, SIGHUP has it read its configuration anew.
+//! What the service does on signals: SIGTERM and Ctrl-C end it, SIGHUP has it reload its configuration.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals as Caught};

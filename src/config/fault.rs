@@ -1,4 +1,4 @@
-//! What is wrong with somebody's settings, where, and what to do about it.
+//! What is wrong with the user's settings, where, and what to do about it.
 
 use std::fmt;
 

@@ -6,7 +6,7 @@ use toml::de::{DeTable, DeValue};
 use super::key::{Written, quoted};
 use super::{Fault, Faults, Key, Origin, Settings, keys};
 
-/// Longest piece of somebody's input that a message repeats, characters.
+/// Longest piece of the user's input that a message repeats, characters.
 const SHOWN: usize = 60;
 
 /// Longest reason of the TOML parser that a message repeats, characters.
@@ -45,7 +45,7 @@ pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Faults) 
         return faults.add(|| Problem::NoAssignment(argument).described(Origin::Set));
     };
     let (name, source) = (name.trim(), source.trim());
-    // What is no TOML value is a word: nobody wants to quote quotes in a shell.
+    // What is no TOML value is a word, so that a shell's user need not quote quotes.
     let written = match DeValue::parse(source) {
         Ok(value) => written(value.get_ref()),
         Err(_) => Written::Text(source.to_owned()),

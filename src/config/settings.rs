@@ -57,9 +57,9 @@ pub struct Output {
     pub create: bool,
     /// Whether PipeWire companions get pictures; `Some(true)`: and no loopback is waited for. `None` is "auto".
     pub pipewire: Option<bool>,
-    /// Whether the camera is open only while somebody watches.
+    /// Whether the camera is open only while there are viewers.
     pub on_demand: bool,
-    /// How long it stays open when nobody does any more (seconds).
+    /// How long it stays open after the last viewer has left (seconds).
     pub linger_s: f64,
 }
 
@@ -115,7 +115,7 @@ pub struct Log {
 pub enum Level {
     /// What failed.
     Error,
-    /// What will need somebody's attention.
+    /// What needs the user's attention.
     Warn,
     /// What happened.
     #[default]

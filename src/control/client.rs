@@ -20,9 +20,9 @@ const LONGEST_REPLY: u64 = 1 << 20;
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// Nobody listens.
+    /// No daemon listens.
     #[error("no daemon running at {path}: {source}")]
-    Nobody {
+    NotRunning {
         /// The socket.
         path: PathBuf,
         /// The system's words.
@@ -76,7 +76,7 @@ impl Connection {
     /// Connects to the daemon that listens at `path`.
     ///
     /// # Errors
-    /// Where nobody listens there.
+    /// Where no daemon listens there.
     pub fn open(path: &Path) -> Result<Self, ClientError> {
         Ok(Self { path: path.into(), stream: connected(path)? })
     }
@@ -167,7 +167,7 @@ impl Connection {
     }
 }
 
-/// A connection on which nothing takes longer than [`PATIENCE`], connecting included: a daemon that is stopped accepts nobody.
+/// A connection on which nothing takes longer than [`PATIENCE`], connecting included: a daemon that is stopped accepts no connection.
 fn connected(path: &Path) -> Result<BufReader<UnixStream>, ClientError> {
     let made = || -> io::Result<UnixStream> {
         let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
@@ -179,6 +179,6 @@ fn connected(path: &Path) -> Result<BufReader<UnixStream>, ClientError> {
     made().map(BufReader::new).map_err(|source| match source.kind() {
         io::ErrorKind::PermissionDenied => ClientError::Forbidden { path: path.into(), source },
         io::ErrorKind::WouldBlock => ClientError::Silent { path: path.into(), what: "it does not accept connections".into() },
-        _ => ClientError::Nobody { path: path.into(), source },
+        _ => ClientError::NotRunning { path: path.into(), source },
     })
 }

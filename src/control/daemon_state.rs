@@ -14,7 +14,7 @@ use crate::config::{Settings, keys};
 use crate::pipeline::{Live, Reason};
 use crate::systemd::Systemd;
 
-/// Reads the configuration anew; the error says what is wrong with it.
+/// Reads the configuration again; the error says what is wrong with it.
 pub type Reread = Box<dyn Fn() -> Result<Settings, String> + Send + Sync>;
 
 /// What a daemon's threads share: settings, counts.
@@ -97,7 +97,7 @@ impl DaemonState {
         }
     }
 
-    /// Takes one `KEY=VALUE`. Lasts until the configuration is read anew.
+    /// Takes one `KEY=VALUE`. Lasts until the configuration is reloaded.
     ///
     /// # Errors
     /// Why it cannot be: not such a key, not such a value, a key that no running daemon can change. Nothing has changed then.
@@ -121,7 +121,7 @@ impl DaemonState {
         keys::find(key).map_or_else(String::new, |key| key.shown(&self.configured().settings))
     }
 
-    /// Reads the configuration anew and takes all of it that can change while gimbald runs; the service manager is told of both
+    /// Reads the configuration again and takes all of it that can change while gimbald runs; the service manager is told of both
     /// ends. Takes as long as the file does: [`DaemonState::reload_soon`] does not.
     ///
     /// # Errors

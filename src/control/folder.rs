@@ -27,7 +27,7 @@ impl AsFd for Folder {
 impl Folder {
     /// Opens the directory `path`; it and those above it are made where they are missing.
     ///
-    /// Links on the way are followed where nobody but root and the process's own user can have made them, as /var/run.
+    /// Links on the way are followed where only root or the process's own user can have made them, as /var/run.
     ///
     /// # Errors
     /// The system's, and that there is a link which another user made.
@@ -121,7 +121,7 @@ fn is_trusted(found: &Stat) -> bool {
     found.st_uid == 0 || is_own(found)
 }
 
-/// Whether nobody but root and the process's own user can exchange what they themselves have put there.
+/// Whether only root and the process's own user can exchange what they themselves have put there.
 fn is_guarded(directory: &Stat) -> bool {
     let (for_others, sticky) = (directory.st_mode & 0o022 != 0, directory.st_mode & 0o1000 != 0);
     is_trusted(directory) && (!for_others || sticky)

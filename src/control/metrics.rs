@@ -1,4 +1,4 @@
-//! What is counted while frames go by: atomic numbers, written in passing, read by whoever asks.
+//! What is counted while frames go by: atomic numbers, written in passing, read by status, Prometheus and the log.
 
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -17,7 +17,7 @@ pub enum Phase {
     Starting,
     /// What it needs is not there.
     Waiting,
-    /// Nobody watches: the camera is left alone.
+    /// No viewers: the camera is left alone.
     Idle,
     /// Frames go through.
     Streaming,
@@ -204,7 +204,7 @@ impl Metrics {
         let before = self.last_sent_ns.swap(now, Relaxed);
         if before != i64::MIN {
             let (mean, new) = (load(&self.interval_s), now.saturating_sub(before) as f64 * 1e-9);
-            // after a pause the rate begins anew
+            // after a pause the rate is measured from its start again
             let pause = mean == 0.0 || new > SILENCE.1.max(SILENCE.0 * mean);
             store(&self.interval_s, if pause { new.min(1.0) } else { mean + NEWS * (new - mean) });
         }

@@ -1,4 +1,4 @@
-//! Reading the configuration again on a thread of its own: whoever answers or listens for signals never waits for a file.
+//! Reading the configuration again on a thread of its own: the threads that answer clients and signals never wait for a file.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -52,7 +52,7 @@ impl Reloads {
 
     fn tell(&self, told: Reloaded) {
         if let Some((sender, wake)) = &self.readings().listener {
-            // Where nobody listens any more, nobody waits either.
+            // Without a receiver there is no caller that waits either.
             let _ = sender.send(told);
             wake.notify();
         }
@@ -96,7 +96,7 @@ impl DaemonState {
         readings.busy = true;
         drop(readings);
         let state = self.clone();
-        // Nobody joins it: a file system that does not answer must not keep the daemon from ending.
+        // It is never joined: a file system that does not answer must not keep the daemon from ending.
         let thread = std::thread::Builder::new().name("reload".into()).spawn(move || {
             while let Some((ticket, aloud)) = state.reloads.begin() {
                 let result = state.reload_and_say(aloud);

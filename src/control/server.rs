@@ -115,7 +115,7 @@ struct Serving<'a> {
     quotas: Quotas,
     accepted: TokenBucket,
     sessions: Vec<Session>,
-    /// Until when nobody is accepted.
+    /// Until when no connection is accepted.
     resting: Option<Instant>,
 }
 

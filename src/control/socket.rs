@@ -316,7 +316,7 @@ mod tests {
         assert!(UnixStream::connect(&path).is_ok(), "the first still listens");
         drop(place);
         assert!(!path.exists(), "its file goes with it");
-        // what somebody leaves who is killed: the file without a lock
+        // what a killed process leaves: the file without a lock
         drop(UnixListener::bind(&path).unwrap());
         assert!(UnixStream::connect(&path).is_err());
         let place = BoundSocket::take(&path, 0o660, None).unwrap();

@@ -36,7 +36,7 @@ pub struct Status {
     pub watchers: Option<u32>,
     /// PipeWire companions; `None` where none may connect.
     pub pipewire: Option<PipewireInfo>,
-    /// Programs that hold the loopback open, as far as whoever asks may look: a daemon without rights does not know, and tells none.
+    /// Programs that hold the loopback open, as far as the asking process may look: a daemon without rights does not know, and tells none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub open_in: Vec<String>,
     /// Frames sent a second, of late.

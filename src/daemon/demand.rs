@@ -1,4 +1,4 @@
-//! When the camera is wanted: while somebody watches, a while longer, and not for those who only look in.
+//! When the camera is wanted: while there are viewers, a while longer, and not for programs that only probe the device.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ pub(super) struct Demand {
     since_ns: i64,
     /// When the camera must have been open for this visit, if it lasts.
     from_ns: i64,
-    /// Until when it stays open when nobody watches.
+    /// Until when it stays open without viewers.
     until_ns: i64,
     /// Brief visits in a row, and when the last one ended.
     brief: u32,
@@ -28,7 +28,7 @@ pub(super) struct Demand {
 }
 
 impl Demand {
-    /// Nobody watches; the camera lingers for as long when somebody did.
+    /// No viewers; the camera lingers for as long where there were some.
     pub(super) fn new(linger: Duration) -> Self {
         let linger_ns = i64::try_from(linger.as_nanos()).unwrap_or(i64::MAX);
         Self {
@@ -48,7 +48,7 @@ impl Demand {
         Self { doubts: false, ..Self::new(linger) }
     }
 
-    /// Somebody watches or nobody does, at `now_ns`.
+    /// There are viewers or there are none, at `now_ns`.
     pub(super) fn see(&mut self, watched: bool, now_ns: i64) {
         if watched == self.watched {
             return;
@@ -75,7 +75,7 @@ impl Demand {
         (self.watched && now_ns >= self.from_ns) || now_ns < self.until_ns
     }
 
-    /// How long from `now_ns` on the answer stands if nobody comes or goes; `None`: for ever.
+    /// How long from `now_ns` on the answer stands if no viewer comes or goes; `None`: for ever.
     pub(super) fn stands(&self, now_ns: i64) -> Option<Duration> {
         let until_ns = if self.watched { self.from_ns } else { self.until_ns };
         let left_ns = until_ns.checked_sub(now_ns).filter(|left_ns| *left_ns > 0)?;
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn who_only_looks_in_again_and_again_does_not_keep_it_open() {
-        // For 0.3 s, every three seconds: the first two could be somebody.
+        // For 0.3 s, every three seconds: the first two could be viewers.
         let probes: Vec<_> = (0..20).map(|n| (30 * n, 30 * n + 3)).collect();
         assert_eq!(open(2, &probes, 600), [(0..23), (30..53)].into_iter().flatten().collect::<Vec<_>>());
         assert_eq!(open(5, &probes, 600), (0..83).collect::<Vec<_>>());

@@ -48,7 +48,7 @@ pub(super) struct MonitoredSource<'a> {
     pub(super) heartbeat: &'a Heartbeat<'a>,
     /// What the daemon is at, as long as frames can be used.
     pub(super) what: String,
-    /// Those who want the camera, where nobody else does.
+    /// Those who want the camera, where there are no other viewers.
     pub(super) viewers: Option<ViewerStatus>,
     pub(super) recovery: &'a mut Recovery,
     pub(super) notes: Notes,
@@ -225,10 +225,10 @@ mod tests {
     use super::*;
     use crate::config::Settings;
     use crate::control::{DaemonState, Status};
-    use crate::device::null::NullSink;
-    use crate::device::{FrameSink, RawFrame};
+    use crate::device::RawFrame;
+    use crate::device::null::WithPlaceholder;
     use crate::frame::Stamp;
-    use crate::image::{PictureMut, PixelFormat};
+    use crate::image::PixelFormat;
     use crate::pipeline::run_live;
     use crate::rt::stop::Stop;
     use crate::systemd::Systemd;
@@ -277,31 +277,6 @@ mod tests {
         }
     }
 
-    /// A sink with a picture of its own.
-    struct Wall {
-        inner: NullSink,
-        placeholders: u64,
-    }
-
-    impl FrameSink for Wall {
-        fn format(&self) -> StreamFormat {
-            self.inner.format()
-        }
-
-        fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
-            self.inner.canvas()
-        }
-
-        fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
-            self.inner.submit(stamp)
-        }
-
-        fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
-            self.placeholders += 1;
-            Ok(true)
-        }
-    }
-
     struct Ran {
         step: Step,
         restarts: Vec<u64>,
@@ -319,7 +294,7 @@ mod tests {
         let heartbeat = Heartbeat::new(&state);
         let mut recovery = Recovery::new();
         recovery.begin(clock.0(), true, false);
-        let mut sink = Wall { inner: NullSink::new(&format), placeholders: 0 };
+        let mut sink = WithPlaceholder::new(&format);
         let mut monitored_source = MonitoredSource {
             camera: &mut camera,
             heartbeat: &heartbeat,

@@ -38,3 +38,37 @@ impl FrameSink for NullSink {
         Ok(())
     }
 }
+
+/// A sink with a picture of its own, which counts how often it was to show it.
+#[cfg(test)]
+pub(crate) struct WithPlaceholder {
+    pub inner: NullSink,
+    pub placeholders: u64,
+}
+
+#[cfg(test)]
+impl WithPlaceholder {
+    pub fn new(format: &StreamFormat) -> Self {
+        Self { inner: NullSink::new(format), placeholders: 0 }
+    }
+}
+
+#[cfg(test)]
+impl FrameSink for WithPlaceholder {
+    fn format(&self) -> StreamFormat {
+        self.inner.format()
+    }
+
+    fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
+        self.inner.canvas()
+    }
+
+    fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
+        self.inner.submit(stamp)
+    }
+
+    fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
+        self.placeholders += 1;
+        Ok(true)
+    }
+}

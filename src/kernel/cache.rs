@@ -4,7 +4,7 @@
 #[cfg(target_arch = "x86_64")]
 const LINE: usize = 64;
 
-/// Writes `bytes` back to memory and out of all caches, so that whoever reads them next has to fetch them. Does nothing on processors
+/// Writes `bytes` back to memory and out of all caches, so that the next reader has to fetch them. Does nothing on processors
 /// that let no program do so.
 pub fn flush(bytes: &[u8]) {
     #[cfg(target_arch = "x86_64")]

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError, TryLockError};
 use super::Params;
 use super::decode::{Reason, Reasons, Unusable, said};
 
-/// Settings that may be changed while frames go by, and what becomes of these. Lasts as long as somebody wants, over many streams.
+/// Settings that may be changed while frames go by, and what becomes of these. Outlives a stream: a daemon has one for all its streams.
 #[derive(Debug)]
 pub struct Live {
     /// Goes up with each change: all that the frame path looks at while there is none.
@@ -139,7 +139,7 @@ impl Live {
             let kind = why.reason() as usize;
             self.unusable[kind].fetch_add(1, Ordering::Relaxed);
             let bit = 1 << kind;
-            // Where somebody reads them just now, the next such frame's words are kept.
+            // Where they are being read just now, the next such frame's words are kept.
             if self.told.load(Ordering::Relaxed) & bit == 0
                 && let Ok(mut first) = self.first.try_lock()
             {

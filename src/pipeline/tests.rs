@@ -1,46 +1,21 @@
 //! What is shown in place of frames that cannot be used.
 
 use super::*;
-use crate::device::null::NullSink;
+use crate::device::null::WithPlaceholder;
 use crate::frame::Stamp;
-use crate::image::{PictureMut, PixelFormat};
+use crate::image::PixelFormat;
 
 const SIZE: (u32, u32) = (64, 48);
 const PERIOD_NS: i64 = 33_333_333;
 /// Usable frames before the unusable ones.
 const USABLE: u64 = 20;
 
-/// A sink with a picture of its own.
-struct Wall {
-    inner: NullSink,
-    placeholders: usize,
-}
-
-impl FrameSink for Wall {
-    fn format(&self) -> StreamFormat {
-        self.inner.format()
-    }
-
-    fn canvas(&mut self) -> Result<PictureMut<'_>, DeviceError> {
-        self.inner.canvas()
-    }
-
-    fn submit(&mut self, stamp: &Stamp) -> Result<(), DeviceError> {
-        self.inner.submit(stamp)
-    }
-
-    fn submit_placeholder(&mut self, _: &Stamp) -> Result<bool, DeviceError> {
-        self.placeholders += 1;
-        Ok(true)
-    }
-}
-
 /// Frames at 30 a second: twenty usable ones, `count` unusable ones, a usable one. `stamp_ns` is what an unusable one is stamped, given
 /// its number from 0 and when it was taken. Returns in place of which of the unusable ones the sink showed its own picture.
 fn replaced(count: usize, stamp_ns: impl Fn(usize, i64) -> i64) -> Vec<usize> {
     let format = StreamFormat::tight(SIZE.0, SIZE.1, PixelFormat::Yuyv, (1, 30));
     let mut stabilizer = Stabilizer::new(&Params::default(), &format, &format);
-    let mut sink = Wall { inner: NullSink::new(&format), placeholders: 0 };
+    let mut sink = WithPlaceholder::new(&format);
     let mut replaced = Vec::new();
     let last = USABLE + count as u64;
     for sequence in 0..=last {

@@ -84,7 +84,7 @@ fn run(
     });
     let stealing = (pace == Pace::Live).then(|| mailbox.clone());
     let over = &Stop::default();
-    // while this end lives, no frame is given back to nobody and freed on the frame path
+    // while this end lives, a frame given back always has a receiver and is never freed on the frame path
     let _pool = empty.clone();
     std::thread::scope(|scope| {
         let capture = std::thread::Builder::new().name("capture".into()).spawn_scoped(scope, move || {
@@ -162,7 +162,7 @@ struct HandOver<'a> {
 }
 
 impl HandOver<'_> {
-    /// Until the source ends, it `is_over` or nobody takes frames any more.
+    /// Until the source ends, it `is_over` or the frames have no receiver any more.
     fn run(self, source: &mut dyn FrameSource, is_over: impl Fn() -> bool) -> (Totals, Result<(), DeviceError>) {
         let (mut capture, mut totals) = (Capture::default(), Totals::default());
         let mut spare = None;
@@ -203,7 +203,7 @@ impl HandOver<'_> {
         self.empty.recv().ok()
     }
 
-    /// Hands a frame over; false when nobody takes it.
+    /// Hands a frame over; false where there is no receiver any more.
     fn send(&self, frame: Box<Frame>, spare: &mut Option<Box<Frame>>, totals: &mut Totals) -> bool {
         let Some(stealing) = &self.stealing else { return self.full.send(frame).is_ok() };
         let Err(error) = self.full.try_send(frame) else { return true };

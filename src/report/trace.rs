@@ -25,7 +25,7 @@ pub struct Trace<W: Write> {
 }
 
 impl<W: Write> Trace<W> {
-    /// Writes the head line. Where writing fails later, `stop` is set: a trace with a hole helps nobody.
+    /// Writes the head line. Where writing fails later, `stop` is set: a trace with a hole would mislead.
     ///
     /// # Errors
     /// What `to` reports.

@@ -2,7 +2,7 @@
 //!
 //! Copied in two ways. *In cache*: the same two buffers again and again, the fastest that a copy can be. *Through memory*: from one ring of
 //! pictures to another, both larger than the last-level cache, so that each picture comes from memory and goes there. The latter is what
-//! a video pipeline can be compared with: a camera's frame was written by somebody else, the one before was seen a frame ago, and the
+//! a video pipeline can be compared with: a camera's frame was written by another device, the one before was seen a frame ago, and the
 //! output goes to a reader; none of them waits in the cache.
 
 use std::hint::black_box;

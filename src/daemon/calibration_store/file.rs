@@ -99,7 +99,7 @@ impl StateFile {
         directory.sync_all().map_err(refused)
     }
 
-    /// Removes what writers left that were killed while they wrote. The lock is held: nobody is writing.
+    /// Removes what writers left that were killed while they wrote. The lock is held: no other process is writing.
     fn sweep(&self) {
         let Ok(entries) = fs::read_dir(&self.directory) else { return };
         for entry in entries.flatten() {
