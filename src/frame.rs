@@ -1,6 +1,6 @@
 //! The suitcase that travels: a picture, when it was taken, and what each stage found out about it, in journey order.
 
-use crate::geometry::{Calibration, Homography, OutputMap, RowMotion};
+use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion};
 use crate::image::{Picture, Plane};
 
 /// When a frame was taken and what its source says of it.
@@ -186,6 +186,11 @@ pub struct FrameContext {
     pub trust: f64,
     /// Largest share of the crop window's margin that the correction uses, 0 to 1.
     pub crop_use: f64,
+    /// What each channel takes of the margin where least of it is left (yaw, pitch, roll, zoom); their sum is about `crop_use`, and one that
+    /// makes room is negative.
+    pub crop_shares: Pose,
+    /// The crop's zoom: the part of the picture that is shown is 1 / zoom wide.
+    pub crop_zoom: f64,
     /// Where each output pixel comes from.
     pub map: OutputMap,
     /// What became of the frame.

@@ -336,6 +336,8 @@ impl Stabilizer {
             context.calibration = self.shutter.calibration().unwrap_or_default();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.crop_use(&context.map, &view);
+            context.crop_shares = bounds.crop_shares(&correction.map(|channel| part * channel));
+            context.crop_zoom = self.window.zoom();
             if shown == 1.0 {
                 self.window.follow_use(context.crop_use, interval_s);
             }
@@ -374,9 +376,9 @@ impl Stabilizer {
             return Ok(Some(self.slots[index].frame.context.outcome));
         }
         if let Some(shown) = shown.filter(|&shown| shown != index) {
-            let FrameContext { map, crop_use, .. } = self.slots[shown].frame.context;
+            let FrameContext { map, crop_use, crop_shares, crop_zoom, .. } = self.slots[shown].frame.context;
             let context = &mut self.slots[index].frame.context;
-            (context.map, context.crop_use) = (map, crop_use);
+            (context.map, context.crop_use, context.crop_shares, context.crop_zoom) = (map, crop_use, crop_shares, crop_zoom);
         }
         let started = clock::monotonic_ns();
         let mut canvas = sink.canvas()?;

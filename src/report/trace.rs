@@ -12,8 +12,9 @@ use crate::stage::shutter::Model;
 /// Writes the trace. Columns: `index` (frames drawn before), `sequence` (the source's), `time_s` (after the first frame, s),
 /// `interval_s`, `h1` to `h9` (homography from the frame before, pixels), the model's parameters of the motion since the
 /// frame before, of the camera's path and of the virtual camera's (cho2007: `a c d`, `U_a U_c U_d`, `S_a S_c S_d`),
-/// `inliers`, `tracks`, `confidence`, `trust`, `crop_use` (0 to 1), `readout_ms`, `hfov_deg`, `lens_k1` (what is believed of the
-/// camera at this frame; empty where the model does not estimate it), `outcome`.
+/// `inliers`, `tracks`, `confidence`, `trust`, `crop_use` (0 to 1), `share_yaw` to `share_zoom` (what each channel takes of the crop
+/// margin where least of it is left), `crop_zoom`, `readout_ms`, `hfov_deg`, `lens_k1` (what is believed of the camera at this frame;
+/// empty where the model does not estimate it), `outcome`.
 #[derive(Debug)]
 pub struct Trace<W: Write> {
     to: W,
@@ -37,7 +38,10 @@ impl<W: Write> Trace<W> {
         for path in [names.path, names.smoothed] {
             names.axes.iter().try_for_each(|axis| write!(to, ",{path}_{}", axis.name))?;
         }
-        writeln!(to, ",inliers,tracks,confidence,trust,crop_use,readout_ms,hfov_deg,lens_k1,outcome")?;
+        writeln!(
+            to,
+            ",inliers,tracks,confidence,trust,crop_use,share_yaw,share_pitch,share_roll,share_zoom,crop_zoom,readout_ms,hfov_deg,lens_k1,outcome"
+        )?;
         Ok(Self { to, axes: names.axes.len(), index: 0, start_ns: None, failed: None, stop })
     }
 
@@ -66,6 +70,8 @@ impl<W: Write> Trace<W> {
         let fit = &context.fit;
         write!(to, ",{},{},{},{}", fit.inliers, fit.tracks, fit.confidence, context.trust)?;
         write!(to, ",{}", context.crop_use)?;
+        context.crop_shares.iter().try_for_each(|share| write!(to, ",{share}"))?;
+        write!(to, ",{}", context.crop_zoom)?;
         let camera = &context.calibration;
         match camera.hfov_deg > 0.0 {
             true => write!(to, ",{},{},{}", 1e3 * camera.readout_s, camera.hfov_deg, camera.lens_k1)?,

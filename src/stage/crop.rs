@@ -104,6 +104,11 @@ impl Window {
         self.most = if params.border == Border::Zoom { 0.0 } else { margin(params.max_zoom) };
     }
 
+    /// The zoom as it is: the part of the picture that is shown is 1 / zoom wide.
+    pub fn zoom(&self) -> f64 {
+        self.zoom
+    }
+
     /// How far corrections may go beyond the picture (share of its size).
     fn beyond_goal(&self) -> f64 {
         (self.most - margin(self.zoom)).max(0.0)

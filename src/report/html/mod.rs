@@ -13,7 +13,7 @@ use super::names::MotionNames;
 use crate::config::Settings;
 use crate::device::StreamFormat;
 use crate::frame::{Frame, Outcome};
-use crate::geometry::Calibration;
+use crate::geometry::{Calibration, Pose};
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
 
@@ -57,6 +57,7 @@ struct Sample {
     confidence: f64,
     trust: f64,
     crop_use: f64,
+    crop_shares: Pose,
     spent_ms: f64,
 }
 
@@ -108,6 +109,7 @@ impl Report {
             confidence: context.fit.confidence,
             trust: context.trust,
             crop_use: context.crop_use,
+            crop_shares: context.crop_shares,
             spent_ms: 0.0,
         }
     }

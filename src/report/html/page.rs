@@ -6,6 +6,7 @@ use super::plot::{Plot, Series, escaped};
 use super::{MAX_BYTES, Report, Sample, inside};
 use crate::config::{Settings, keys};
 use crate::frame::{Outcome, Stage};
+use crate::geometry::{PITCH, ROLL, YAW};
 use crate::pipeline::{Params, Totals};
 use crate::report::{Stats, outcome_name};
 use crate::stage::shutter::{Known, Model, Parameters};
@@ -181,6 +182,13 @@ fn trust(html: &mut String, report: &Report, times: &[f64]) {
     let crop = vec![one("used", "after", |s| s.crop_use)];
     let note = "share of the margin that the correction uses";
     html.push_str(&plot("Crop window", note, crop, Some((1.0, "edge of the picture")), (0.0, 1.0)).figure());
+    let shares = vec![
+        one("yaw", "before", |s| s.crop_shares[YAW]),
+        one("pitch", "third", |s| s.crop_shares[PITCH]),
+        one("roll", "after", |s| s.crop_shares[ROLL]),
+    ];
+    let note = "what each rotation takes of the margin where least of it is left; below 0 it makes room";
+    html.push_str(&plot("Crop margin by rotation", note, shares, None, (0.0, 1.0)).figure());
     let points = vec![one("tracked", "third", |s| f64::from(s.tracks)), one("inliers", "after", |s| f64::from(s.inliers))];
     html.push_str(
         &plot("Points", "tracked from the previous frame, and inliers of the motion", points, None, (0.0, 1.0)).figure(),

@@ -25,6 +25,18 @@ struct HalfSpace {
     slack: [f64; 2],
 }
 
+impl HalfSpace {
+    /// Pixels that a correction may take, with the rows' motion as it is.
+    fn margin(&self) -> f64 {
+        self.slack[Rows::Moving as usize].max(1e-9)
+    }
+
+    /// The share of them that `correction` takes.
+    fn share(&self, correction: &Pose) -> f64 {
+        dot(&self.normal, correction) / self.margin()
+    }
+}
+
 /// Whether the rows' own motion is counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rows {
@@ -93,8 +105,15 @@ impl Bounds {
 
     /// The share of the margin that a correction uses, with the rows' motion as it is: 1 touches the picture's edge.
     pub fn crop_use(&self, correction: &Pose) -> f64 {
-        let share = |plane: &HalfSpace| dot(&plane.normal, correction) / plane.slack[Rows::Moving as usize].max(1e-9);
-        self.planes().iter().map(share).fold(0.0, f64::max)
+        self.planes().iter().map(|plane| plane.share(correction)).fold(0.0, f64::max)
+    }
+
+    /// What each channel of a correction takes of the margin where least of it is left; the sum is [`Bounds::crop_use`], and a channel
+    /// that makes room there is negative.
+    pub fn crop_shares(&self, correction: &Pose) -> Pose {
+        let fullest = self.planes().iter().max_by(|a, b| a.share(correction).total_cmp(&b.share(correction)));
+        let Some(plane) = fullest.filter(|plane| plane.share(correction) > 0.0) else { return [0.0; 4] };
+        std::array::from_fn(|c| plane.normal[c] * correction[c] / plane.margin())
     }
 }
 
@@ -122,6 +141,10 @@ mod tests {
         assert_eq!(bounds.interval(ROLL, &correction, Rows::Still), [-20.0, 20.0]);
         assert_eq!(bounds.interval(ZOOM, &correction, Rows::Still), [f64::NEG_INFINITY, f64::INFINITY]);
         assert!((bounds.crop_use(&correction) - 24.0 / 27.0).abs() < 1e-12);
+        let shares = bounds.crop_shares(&correction);
+        assert!((shares[YAW] - 20.0 / 27.0).abs() < 1e-12 && (shares[ROLL] - 4.0 / 27.0).abs() < 1e-12, "{shares:?}");
+        assert_eq!([shares[PITCH], shares[ZOOM]], [0.0, 0.0]);
+        assert_eq!(bounds.crop_shares(&[0.0; 4]), [0.0; 4]);
         // yaw is at its bound where roll leaves 26 of 30; pitch is not asked
         assert_eq!(bounds.interval(YAW, &[0.0, 20.0, 8.0, 0.0], Rows::Still), [-26.0, 26.0]);
     }
