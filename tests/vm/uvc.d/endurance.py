@@ -103,14 +103,25 @@ class Endurance:
         self.faults, self.worst = {}, {}
         self.marks = []
 
+    def settle(self, before, seen):
+        """(what was counted since `before`, frames that gimbald says it lost, frames that nobody counted)"""
+        counted = Counts.take(self.bench).since(before)
+        drops = sum(count for key, count in counted.gimbald.items() if key.startswith("drops.") and key != "drops.restarts")
+        exposed = counted.camera.get("frames", 0)
+        return counted, drops, max(0, exposed - seen.live - drops - seen.replaced - UNDER_WAY)
+
     def quiet(self, seconds):
         """Nothing is wrong: every frame has to come."""
         before = Counts.take(self.bench)
         seen = self.bench.watch(seconds)
-        counted = Counts.take(self.bench).since(before)
+        counted, drops, lost = self.settle(before, seen)
+        # More than usual may be under way just then: what is lost stays lost.
+        for _ in range(2):
+            if lost:
+                more, seconds = self.bench.watch(0.5), seconds + 0.5
+                seen.live, seen.replaced, seen.gap = seen.live + more.live, seen.replaced + more.replaced, max(seen.gap, more.gap)
+                counted, drops, lost = self.settle(before, seen)
         exposed = counted.camera.get("frames", 0)
-        drops = sum(count for key, count in counted.gimbald.items() if key.startswith("drops.") and key != "drops.restarts")
-        lost = max(0, exposed - seen.live - drops - seen.replaced - UNDER_WAY)
         books = dict(seconds=seconds, exposed=exposed, live=seen.live, lost=lost, counted=drops, replaced=seen.replaced)
         for key, count in books.items():
             self.calm[key] += count
