@@ -86,6 +86,31 @@ pub enum Outcome {
     PassedThrough(PassReason),
 }
 
+impl Outcome {
+    /// A number for it, in records and shared memory: 0 stabilized (or pending), 1 first frame, 2 track lost, 3 switched off, 4 damaged.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Stabilized | Self::Pending => 0,
+            Self::PassedThrough(PassReason::First) => 1,
+            Self::PassedThrough(PassReason::LostTrack) => 2,
+            Self::PassedThrough(PassReason::SwitchedOff) => 3,
+            Self::Held(HoldReason::Damaged) => 4,
+        }
+    }
+
+    /// The outcome of this number; pending where there is none.
+    pub fn from_code(code: u8) -> Self {
+        match code {
+            0 => Self::Stabilized,
+            1 => Self::PassedThrough(PassReason::First),
+            2 => Self::PassedThrough(PassReason::LostTrack),
+            3 => Self::PassedThrough(PassReason::SwitchedOff),
+            4 => Self::Held(HoldReason::Damaged),
+            _ => Self::Pending,
+        }
+    }
+}
+
 /// Why a picture was shown again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoldReason {

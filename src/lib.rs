@@ -7,10 +7,11 @@
 //! A module may use modules on lower floors only. Those on one floor do not use each other.
 //!
 //! ```text
-//!  8  command                                       the commands of the program: arguments, texts, exit codes
-//!  7  daemon | companion | view                     the service: devices, recovery, watchdog | its part in a user's session | the page
-//!  6  control                                       status, metrics, control socket
-//!  5  report | log                                  traces and the HTML report | the log
+//!  9  command                                       the commands of the program: arguments, texts, exit codes
+//!  8  daemon | companion | view                     the service: devices, recovery, watchdog | its part in a user's session | the page
+//!  7  report                                        traces and the HTML reports
+//!  6  control                                       status, metrics, history, control socket
+//!  5  log                                           the log
 //!  4  config | share | systemd                      settings | pictures for other processes | the service manager
 //!  3  pipeline                                      the journey of a frame: which stage is next, who owns the frame
 //!  2  stage | device | pipewire                     algorithms | cameras, outputs, files | PipeWire's library

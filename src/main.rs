@@ -4,7 +4,9 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gimbald::command::{Arguments, Command, Exit, Failure};
-use gimbald::command::{bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run, view};
+use gimbald::command::{
+    bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, report, run, view,
+};
 use gimbald::kernel;
 
 fn main() -> ExitCode {
@@ -26,6 +28,7 @@ fn main() -> ExitCode {
             Command::Set(args) => client::set(args),
             Command::Reload(args) => client::reload(args),
             Command::View(args) => view::run(args),
+            Command::Report(args) => report::run(args),
             Command::Replay(args) => replay::run(args),
             Command::Record(args) => record::run(args),
             Command::Calibrate(args) => calibrate::run(args),

@@ -17,10 +17,10 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("companion", &["pipewire", "share", "device", "kernel", "image", "rt"]),
     ("pipeline", &["stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     ("config", &["pipeline", "stage", "device", "image"]),
-    ("report", &["config", "pipeline", "stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     ("systemd", &[]),
     ("log", &["config"]),
     ("control", &["systemd", "log", "config", "pipeline", "frame", "geometry", "rt"]),
+    ("report", &["control", "config", "pipeline", "stage", "device", "kernel", "frame", "geometry", "image", "rt"]),
     (
         "view",
         &["share", "control", "config", "report", "pipeline", "stage", "device", "kernel", "frame", "geometry", "image", "rt"],

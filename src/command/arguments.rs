@@ -2,7 +2,9 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{Exit, bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, run, view};
+use super::{
+    Exit, bench, calibrate, check, client, demo, devices, doctor, measure, pipewire, record, replay, report, run, view,
+};
 
 /// Software gimbal for webcams: removes camera shake and rolling-shutter distortion, live or from recordings
 #[derive(Debug, Parser)]
@@ -32,6 +34,8 @@ pub enum Command {
     Reload(client::Args),
     /// Open a page in the browser that shows the live picture, or a recording, and lets you adjust settings
     View(view::Args),
+    /// Write the last minute of the running service to a page, to attach to a bug report; nothing personal unless you ask for it
+    Report(report::Args),
     /// Diagnose problems and suggest fixes
     Doctor(doctor::Args),
     /// Stabilize a recording or a y4m file

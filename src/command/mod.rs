@@ -17,6 +17,7 @@ mod print;
 mod progress;
 pub mod record;
 pub mod replay;
+pub mod report;
 pub mod run;
 mod settings;
 mod signals;

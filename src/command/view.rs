@@ -61,14 +61,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             serve(args, &open_server()?, &recording, || recording.run(&stop), &stop)
         }
         None => {
-            let target = args.target.clone();
-            let control = target.connect()?.path().to_path_buf();
-            let pictures = control.parent().unwrap_or(Path::new("/")).join(PICTURES);
-            let connect = move || target.connect().map_err(|failure| failure.message);
-            let daemon = DaemonBackend::new(name_of(&args.target), Box::new(connect), pictures, config.clone());
+            let control = args.target.connect()?.path().to_path_buf();
+            let daemon = daemon_backend(&args.target, &control);
             serve(args, &open_server()?, &daemon, || daemon.run(&stop), &stop)
         }
     }
+}
+
+/// The daemon whose control socket is at `control`.
+pub(super) fn daemon_backend(target: &Target, control: &Path) -> DaemonBackend {
+    let pictures = control.parent().unwrap_or(Path::new("/")).join(PICTURES);
+    let again = target.clone();
+    let connect = move || again.connect().map_err(|failure| failure.message);
+    DaemonBackend::new(name_of(target), Box::new(connect), pictures, target.config.clone())
 }
 
 /// Serves the page while `work` runs in a thread of its own.

@@ -10,6 +10,7 @@ pub(super) fn answer(request: &Request, state: &DaemonState, who: &str) -> Reply
     match request {
         Request::Status => Reply::Status { status: Box::new(state.status()) },
         Request::Prometheus => Reply::Metrics { text: exposition::text(&state.status(), &state.metrics) },
+        Request::History(first) => Reply::History { history: state.metrics.history_since(first.0) },
         Request::On => set(state, "stabilize.enabled=true", who),
         Request::Off => set(state, "stabilize.enabled=false", who),
         Request::Set(assignment) => set(state, &assignment.to_string(), who),

@@ -8,7 +8,7 @@ use std::time::Duration;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 
-use super::{Applied, Refusal, RefusalKind, Reply, Request, Status};
+use super::{Applied, FrameNumber, FrameRecord, Refusal, RefusalKind, Reply, Request, Status};
 
 /// A daemon that does not answer for this long hangs.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -148,6 +148,26 @@ impl Connection {
         match self.ask(&Request::Prometheus)? {
             Reply::Metrics { text } => Ok(text),
             _ => Err(self.other("no metrics")),
+        }
+    }
+
+    /// Asks for everything that is kept of the last frames, oldest first: about a minute.
+    ///
+    /// # Errors
+    /// As [`Connection::ask`].
+    pub fn history(&mut self) -> Result<Vec<FrameRecord>, ClientError> {
+        let (mut first, mut frames) = (0, Vec::new());
+        loop {
+            let Reply::History { history } = self.ask(&Request::History(FrameNumber(first)))? else {
+                return Err(self.other("no history"));
+            };
+            // Frames that are sent meanwhile need not be waited for.
+            let is_last = history.frames.len() < 100 || history.next <= first;
+            first = history.next;
+            frames.extend(history.frames);
+            if is_last {
+                return Ok(frames);
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use super::history::{History, HistoryPart};
 use super::status::{CameraInfo, OutputInfo, PipewireInfo, RejectedFormat, Spread};
 use crate::frame::{Frame, Outcome};
 use crate::geometry::Calibration;
@@ -91,6 +92,7 @@ pub struct Metrics {
     confidence: AtomicU64,
     trust: AtomicU64,
     calibration: [AtomicU64; 6],
+    history: History,
     now: Mutex<Current>,
 }
 
@@ -178,6 +180,7 @@ impl Default for Metrics {
             confidence: AtomicU64::new(0),
             trust: AtomicU64::new(0),
             calibration: Default::default(),
+            history: History::default(),
             now: Mutex::new(now),
         }
     }
@@ -216,6 +219,12 @@ impl Metrics {
             context.calibration;
         let found = [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation];
         self.calibration.iter().zip(found).for_each(|(kept, number)| store(kept, number));
+        self.history.add(frame, age_ms);
+    }
+
+    /// What happened to the last frames, from number `first` on.
+    pub(super) fn history_since(&self, first: u64) -> HistoryPart {
+        self.history.since(first)
     }
 
     /// A camera says what it lost since it was opened; `told` is what it said before, and is brought up to date.

@@ -12,6 +12,7 @@
 //! |---|---|---|
 //! | `status` | `"status"` | `status`: an object, a [`Status`] |
 //! | `prometheus` | `"prometheus"` | `text`: the same in Prometheus' text format, version 0.0.4 |
+//! | `history NUMBER` | `{"history": NUMBER}` | `history`: up to 200 [`FrameRecord`]s from this frame number on, and the number to ask for `next`; 0 begins with the oldest that is kept, about a minute ago |
 //! | `on`, `off` | `"on"`, `"off"` | as `set` |
 //! | `set KEY=VALUE` | `{"set": "KEY=VALUE"}` | `changed`: keys that have a new value; `restart`: keys that wait for a restart |
 //! | `reload` | `"reload"` | the same, after reading the configuration file again |
@@ -37,6 +38,7 @@ mod client;
 mod daemon_state;
 mod exposition;
 mod folder;
+mod history;
 mod log_limiter;
 mod metrics;
 mod quotas;
@@ -51,10 +53,11 @@ mod token_bucket;
 
 pub use client::{ClientError, Connection};
 pub use daemon_state::{Applied, DaemonState, Reread};
+pub use history::{FrameRecord, HistoryPart};
 pub use metrics::{Losses, Metrics, Phase};
 pub use quotas::Limits;
 pub use reply::{Refusal, RefusalKind, Reply};
-pub use request::{Assignment, LONGEST_REQUEST, Request, RequestError};
+pub use request::{Assignment, FrameNumber, LONGEST_REQUEST, Request, RequestError};
 pub use server::Server;
 pub use socket::{BoundSocket, default_paths};
 pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, PipewireInfo, RejectedFormat, Spread, Status, Unusable};

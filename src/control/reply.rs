@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Applied, RequestError, Status};
+use super::{Applied, HistoryPart, RequestError, Status};
 
 /// One reply. On the wire it is an object with the fields below and `ok`, which is false for [`Reply::Refused`] alone.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -17,6 +17,11 @@ pub enum Reply {
     Metrics {
         /// In Prometheus' text format, version 0.0.4.
         text: String,
+    },
+    /// What happened to the last frames.
+    History {
+        /// Some of them.
+        history: HistoryPart,
     },
     /// It was not done.
     Refused(Refusal),
@@ -89,7 +94,9 @@ impl Reply {
         let Wire { ok, reply } = serde_json::from_str(line).map_err(|error| error.to_string())?;
         match reply {
             Self::Refused(_) if ok => Err("a refusal that says ok".to_owned()),
-            Self::Status { .. } | Self::Metrics { .. } | Self::Applied(_) if !ok => Err("refused without a reason".to_owned()),
+            Self::Status { .. } | Self::Metrics { .. } | Self::History { .. } | Self::Applied(_) if !ok => {
+                Err("refused without a reason".to_owned())
+            }
             reply => Ok(reply),
         }
     }
@@ -106,6 +113,10 @@ mod tests {
         let replies = [
             (Reply::Status { status: Box::new(status) }, "{\"ok\":true,\"status\":{"),
             (Reply::Metrics { text: "a 1\nb 2\n".into() }, "{\"ok\":true,\"text\":\"a 1\\nb 2\\n\"}\n"),
+            (
+                Reply::History { history: HistoryPart { frames: Vec::new(), next: 7 } },
+                "{\"ok\":true,\"history\":{\"frames\":[],\"next\":7}}\n",
+            ),
             (Reply::Applied(applied), "{\"ok\":true,\"changed\":[\"crop.zoom\"],\"restart\":[]}\n"),
             (
                 Reply::refused(RefusalKind::Setting, "no\nsuch key"),

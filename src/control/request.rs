@@ -16,6 +16,8 @@ pub enum Request {
     Status,
     /// The same for Prometheus; answered with [`Reply::Metrics`](super::Reply::Metrics).
     Prometheus,
+    /// What happened to the last frames, from this number on; answered with [`Reply::History`](super::Reply::History).
+    History(FrameNumber),
     /// Switch stabilization on; answered with [`Reply::Applied`](super::Reply::Applied).
     On,
     /// Switch it off; answered as `On`.
@@ -24,6 +26,29 @@ pub enum Request {
     Set(Assignment),
     /// Read the configuration file again; answered as `On`.
     Reload,
+}
+
+/// Number of a frame, counted since the daemon started. As JSON a number, or its digits as text.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+#[serde(try_from = "NumberOrText")]
+pub struct FrameNumber(pub u64);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected the number of a frame, as in history 0")]
+enum NumberOrText {
+    Number(u64),
+    Text(String),
+}
+
+impl TryFrom<NumberOrText> for FrameNumber {
+    type Error = &'static str;
+
+    fn try_from(written: NumberOrText) -> Result<Self, Self::Error> {
+        match written {
+            NumberOrText::Number(number) => Ok(Self(number)),
+            NumberOrText::Text(text) => text.parse().map(Self).map_err(|_| "expected the number of a frame, as in history 0"),
+        }
+    }
 }
 
 /// One setting and its new value, written `KEY=VALUE`. Whether there is such a key and what it takes is not known here.
@@ -85,7 +110,7 @@ pub enum RequestError {
     #[error("invalid request: expected a line of UTF-8 text")]
     NotText,
     /// Text that is no request; says which text and what was expected.
-    #[error("unknown request {text}: {what}; expected status, prometheus, on, off, set KEY=VALUE, reload")]
+    #[error("unknown request {text}: {what}; expected status, prometheus, history NUMBER, on, off, set KEY=VALUE, reload")]
     Unknown {
         /// The beginning of what was sent.
         text: String,
@@ -119,6 +144,7 @@ impl Request {
         match self {
             Self::Set(assignment) if !assignment.to_string().contains(char::is_control) => format!("set {assignment}"),
             Self::Set(_) => self.json(),
+            Self::History(FrameNumber(number)) => format!("history {number}"),
             _ => self.json().trim_matches('"').to_owned(),
         }
     }
@@ -175,6 +201,7 @@ mod tests {
         for (request, words, json) in [
             (Request::Status, "status", "\"status\""),
             (Request::Prometheus, "prometheus", "\"prometheus\""),
+            (Request::History(FrameNumber(41)), "history 41", "{\"history\":41}"),
             (Request::On, "on", "\"on\""),
             (Request::Off, "off", "\"off\""),
             (set, "set crop.zoom=1.25", "{\"set\":\"crop.zoom=1.25\"}"),
@@ -200,6 +227,10 @@ mod tests {
             ("set crop.zoom", "KEY=VALUE"),
             ("\"set\"", "unknown request"),
             ("{\"set\":5}", "invalid type"),
+            ("history", "expected the number of a frame"),
+            ("history -1", "expected the number of a frame"),
+            ("{\"history\":-1}", "expected the number of a frame"),
+            ("{\"history\":[]}", "expected the number of a frame"),
             ("{\"set\":\"a=b\",\"on\":null}", "unknown request"),
             ("{\"status\":", "EOF"),
             ("\"status\" \"on\"", "trailing"),

@@ -355,7 +355,7 @@ impl Status {
 
 impl Drops {
     /// The counts that are not zero; "none" where all are.
-    fn text(&self) -> String {
+    pub fn text(&self) -> String {
         let Self { camera_missing, camera_stale, damaged, cut, behind, failed_transfers, restarts } = *self;
         let counts = [
             (camera_missing, "missing from the camera"),

@@ -10,7 +10,7 @@ mod trace;
 
 pub use compare::{Compare, compare_format};
 pub use histogram::Histogram;
-pub use html::Report;
+pub use html::{DaemonReport, Report};
 pub use names::{Axis, MotionNames, outcome_name};
 pub use pair::{EncodedPair, PairEncoder};
 pub use stats::Stats;

@@ -20,8 +20,10 @@ pub type BeforeAndNow = [[f64; 4]; 2];
 /// How a model's four parameters are to be read; those beyond `axes` are not used by it.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionNames {
-    /// The model's name, as in the configuration.
-    pub model: &'static str,
+    /// The model.
+    pub model: Model,
+    /// Its name, as in the configuration.
+    pub name: &'static str,
     /// The parameters that it has.
     pub axes: &'static [Axis],
     /// Name of the camera's path.
@@ -49,7 +51,8 @@ impl MotionNames {
 }
 
 const CHO2007: MotionNames = MotionNames {
-    model: "cho2007",
+    model: Model::Cho2007,
+    name: "cho2007",
     axes: &[
         Axis { name: "a", meaning: "zoom", unit: "" },
         Axis { name: "c", meaning: "horizontal shift", unit: "px" },
@@ -61,7 +64,8 @@ const CHO2007: MotionNames = MotionNames {
 };
 
 const CONTINUOUS: MotionNames = MotionNames {
-    model: "continuous",
+    model: Model::Continuous,
+    name: "continuous",
     axes: &[
         Axis { name: "yaw", meaning: "turn to the right", unit: "rad" },
         Axis { name: "pitch", meaning: "turn upwards", unit: "rad" },

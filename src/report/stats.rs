@@ -38,6 +38,17 @@ pub struct Times {
 }
 
 impl Stats {
+    /// Counts the times of a frame's stages (nanoseconds).
+    pub fn add_times(&mut self, spent_ns: &[u64; Stage::ALL.len()]) {
+        for (histogram, &ns) in self.stages.iter_mut().zip(spent_ns) {
+            // A stage that a frame skipped has spent nothing; counting it would flatter the median.
+            if ns > 0 {
+                histogram.add(ns);
+            }
+        }
+        self.total.add(spent_ns.iter().sum());
+    }
+
     /// Times of one stage.
     pub fn stage(&self, stage: Stage) -> Times {
         times(&self.stages[stage as usize])
@@ -87,15 +98,7 @@ impl Observer for Stats {
     fn drawn(&mut self, _: &Frame, _: PictureRef<'_>) {}
 
     fn sent(&mut self, frame: &Frame) {
-        let mut total = 0;
-        for (histogram, &ns) in self.stages.iter_mut().zip(&frame.context.spent_ns) {
-            // A stage that a frame skipped has spent nothing; counting it would flatter the median.
-            if ns > 0 {
-                histogram.add(ns);
-            }
-            total += ns;
-        }
-        self.total.add(total);
+        self.add_times(&frame.context.spent_ns);
         self.seen.frames_in += 1;
         self.seen.frames_out += 1;
         self.seen.cut += u64::from(frame.cut);

@@ -1,6 +1,6 @@
 //! What `gimbald view` gets of each frame besides the pictures: numbers at fixed offsets in shared memory.
 
-use crate::frame::{Frame, HoldReason, Outcome, PassReason};
+use crate::frame::Frame;
 
 /// Frames that are described with each pair of pictures: as many as a camera of 120 fps delivers between two pairs.
 pub(super) const REMEMBERED: usize = 16;
@@ -30,7 +30,7 @@ pub struct FrameInfo {
     pub crop_use: f64,
     /// Inliers, and all tracks.
     pub points: [f64; 2],
-    /// Outcome: 0 stabilized, 1 first frame, 2 track lost, 3 switched off, 4 damaged.
+    /// Outcome, as [`Outcome::code`](crate::frame::Outcome::code) has it.
     pub outcome: f64,
     /// Where the output's corners are in the input (pixels; clockwise from the top left).
     pub corners: [[f64; 2]; 4],
@@ -55,13 +55,7 @@ impl FrameInfo {
             confidence: context.fit.confidence,
             crop_use: context.crop_use,
             points: [f64::from(context.fit.inliers), f64::from(context.fit.tracks)],
-            outcome: match context.outcome {
-                Outcome::Stabilized | Outcome::Pending => 0.0,
-                Outcome::PassedThrough(PassReason::First) => 1.0,
-                Outcome::PassedThrough(PassReason::LostTrack) => 2.0,
-                Outcome::PassedThrough(PassReason::SwitchedOff) => 3.0,
-                Outcome::Held(HoldReason::Damaged) => 4.0,
-            },
+            outcome: f64::from(context.outcome.code()),
             corners: [[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]].map(|corner| context.map.apply(corner)),
             spent_ms: context.spent_ns.iter().sum::<u64>() as f64 * 1e-6,
             camera: [camera.readout_s, camera.readout_deviation_s, camera.hfov_deg, camera.hfov_deviation_deg],

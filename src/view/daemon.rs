@@ -47,6 +47,7 @@ pub struct DaemonBackend {
     pictures: PathBuf,
     configuration: Option<PathBuf>,
     preview: PreviewFeed,
+    widest: usize,
     control: Mutex<Control>,
     /// Why there are no pictures, for users; empty while there are.
     problem: Mutex<String>,
@@ -69,14 +70,19 @@ impl DaemonBackend {
     /// daemon that reports its file needs none.
     pub fn new(name: String, connect: Connect, pictures: PathBuf, configuration: Option<PathBuf>) -> Self {
         let (preview, control, problem) = (PreviewFeed::default(), Mutex::default(), Mutex::default());
-        Self { name, connect, pictures, configuration, preview, control, problem }
+        Self { name, connect, pictures, configuration, preview, widest: preview::WIDEST, control, problem }
+    }
+
+    /// The same with pictures of at most `widest` pixels' width.
+    pub fn with_widest(self, widest: usize) -> Self {
+        Self { widest, ..self }
     }
 
     /// Fetches pictures while a page is open, until `stop` is set.
     pub fn run(&self, stop: &Stop) {
         while !stop.is_set() {
             if self.preview.is_wanted(CLOSED) {
-                let ended = PictureStream::open(&self.pictures).and_then(|mut stream| stream.run(self, stop));
+                let ended = PictureStream::open(&self.pictures, self.widest).and_then(|mut stream| stream.run(self, stop));
                 if let Err(error) = ended {
                     self.set_problem(match error.kind() {
                         io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
@@ -88,6 +94,11 @@ impl DaemonBackend {
             }
             std::thread::sleep(RETRY);
         }
+    }
+
+    /// Why there are no pictures, for users; empty while there are.
+    pub(super) fn problem(&self) -> String {
+        self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn set_problem(&self, problem: String) {
@@ -146,7 +157,7 @@ impl Backend for DaemonBackend {
     }
 
     fn state(&self) -> Value {
-        let problem = self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let problem = self.problem();
         match self.status() {
             Ok(status) => json!({"status": status, "problem": problem}),
             Err(error) => json!({"error": error, "problem": problem}),
@@ -200,7 +211,7 @@ struct PictureStream {
 }
 
 impl PictureStream {
-    fn open(path: &Path) -> io::Result<Self> {
+    fn open(path: &Path, widest: usize) -> io::Result<Self> {
         Ok(Self {
             client: Client::connect(path)?,
             format: None,
@@ -210,7 +221,7 @@ impl PictureStream {
             due: Instant::now(),
             request_due: None,
             last: None,
-            encoder: preview::encoder().map_err(io::Error::other)?,
+            encoder: preview::encoder(widest).map_err(io::Error::other)?,
             decoder: Decoder::default(),
             pictures: Default::default(),
         })

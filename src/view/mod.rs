@@ -24,8 +24,10 @@ mod daemon;
 mod preview;
 mod recording;
 mod server;
+mod shots;
 
 pub use backend::Backend;
 pub use daemon::DaemonBackend;
 pub use recording::RecordingBackend;
 pub use server::Server;
+pub use shots::take_pictures;

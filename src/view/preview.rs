@@ -11,8 +11,8 @@ use crate::share::FrameInfo;
 
 /// Minimum time between two pictures: 12.5 per second.
 pub(super) const INTERVAL: Duration = Duration::from_millis(80);
-/// Maximum width of a picture (pixels).
-const WIDEST: usize = 960;
+/// Maximum width of a page's picture (pixels).
+pub(super) const WIDEST: usize = 960;
 /// JPEG quality, 1 to 100.
 const QUALITY: i32 = 80;
 /// Frames that are remembered: ten seconds at 120 fps.
@@ -134,12 +134,12 @@ impl PreviewFeed {
     }
 }
 
-/// An encoder for previews.
+/// An encoder for pictures of at most `widest` pixels' width.
 ///
 /// # Errors
 /// What libjpeg-turbo reports.
-pub(super) fn encoder() -> Result<PairEncoder, String> {
-    PairEncoder::new(WIDEST, QUALITY)
+pub(super) fn encoder(widest: usize) -> Result<PairEncoder, String> {
+    PairEncoder::new(widest, QUALITY)
 }
 
 /// A frame as the page reads it.

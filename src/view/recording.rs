@@ -240,7 +240,7 @@ struct Publisher<'a> {
 
 impl<'a> Publisher<'a> {
     fn new(backend: &'a RecordingBackend, begin_s: f64) -> Result<Self, String> {
-        let encoder = preview::encoder()?;
+        let encoder = preview::encoder(preview::WIDEST)?;
         let (due, last_s) = (Instant::now(), f64::NEG_INFINITY);
         Ok(Self { backend, encoder, begin_s, last_s, due, published: None, failed: None })
     }

@@ -5,7 +5,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
 use gimbald::command::Exit;
-use gimbald::control::{Applied, Connection, LONGEST_REQUEST, Limits, Phase, RefusalKind, Reply, Request};
+use gimbald::control::{
+    Applied, Connection, FrameNumber, HistoryPart, LONGEST_REQUEST, Limits, Phase, RefusalKind, Reply, Request,
+};
 
 use crate::rig::{Scratch, reply, said, served};
 
@@ -83,6 +85,7 @@ fn every_request_has_its_typed_reply() {
         for (request, words) in [
             (Request::Status, "status"),
             (Request::Prometheus, "prometheus"),
+            (Request::History(FrameNumber(0)), "history 0"),
             (Request::Off, "off"),
             (Request::On, "on"),
             (Request::Set("crop.zoom=1.25".parse().unwrap()), "set crop.zoom = 1.25"),
@@ -93,6 +96,7 @@ fn every_request_has_its_typed_reply() {
                 match (&request, reply(&stream)) {
                     (Request::Status, Reply::Status { status }) => assert_eq!(status.pid, std::process::id()),
                     (Request::Prometheus, Reply::Metrics { text }) => assert!(text.contains("gimbald_uptime_seconds")),
+                    (Request::History(_), Reply::History { history }) => assert_eq!(history, HistoryPart::default()),
                     (Request::On | Request::Off | Request::Set(_) | Request::Reload, Reply::Applied(_)) => {}
                     (_, other) => panic!("{line}: {other:?}"),
                 }
@@ -103,6 +107,7 @@ fn every_request_has_its_typed_reply() {
         assert_eq!(client.change(&Request::Reload).unwrap(), changed(&["stabilize.enabled"]));
         assert_eq!(client.status().unwrap().settings["crop.zoom"], "1.1");
         assert!(client.metrics().unwrap().ends_with('\n'));
+        assert_eq!(client.history().unwrap(), []);
     });
 }
 

@@ -61,6 +61,21 @@ impl Daemon {
         let _ = kill_process(Pid::from_child(&self.child), signal);
     }
 
+    /// Stops it, and waits until each of its threads has stopped: the signal reaches them one after the other.
+    fn freeze(&self) {
+        self.signal(Signal::STOP);
+        let begun = Instant::now();
+        let threads = format!("/proc/{}/task", self.child.id());
+        let is_stopped = |status: String| status.contains("\nState:\tT");
+        while !fs::read_dir(&threads)
+            .unwrap()
+            .all(|thread| fs::read_to_string(thread.unwrap().path().join("status")).is_ok_and(is_stopped))
+        {
+            assert!(begun.elapsed() < LONG, "it does not stop");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     fn descriptors(&self) -> usize {
         fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
     }
@@ -146,7 +161,7 @@ fn a_signal_has_the_configuration_read_again() {
     daemon.until_logged("1 to 2");
     assert!(said(&daemon.scratch.gimbald(&["status", "--json"])).contains("\"crop.zoom\":\"1.3\""));
     // a daemon that does not answer is told from one that is not there
-    daemon.signal(Signal::STOP);
+    daemon.freeze();
     let silent = daemon.scratch.gimbald(&["status"]);
     daemon.signal(Signal::CONT);
     assert!(String::from_utf8_lossy(&silent.stderr).contains("does not respond: no reply for 5 s"), "{silent:?}");

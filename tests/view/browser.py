@@ -1,6 +1,6 @@
 """Chromium shows the pages of `gimbald view` and a report; driven over its DevTools protocol through a pipe, with Python's standard library.
 
-    python3 tests/view/browser.py CHROMIUM DAEMON-PAGE-ADDRESS RECORDING-PAGE-ADDRESS REPORT-FILE [FOLDER-FOR-PICTURES]
+    python3 tests/view/browser.py CHROMIUM DAEMON-PAGE-ADDRESS RECORDING-PAGE-ADDRESS REPORT-FILE SERVICE-REPORT-FILE [FOLDER-FOR-PICTURES]
 """
 import base64
 import fcntl
@@ -262,6 +262,22 @@ def report(browser, path, folder):
     check("it prints", len(tab.send("Page.printToPDF")["data"]) > 10000)
 
 
+def service(browser, path, folder):
+    tab = Tab(browser, f"file://{path}", 1100, 900)
+    check("the service's report shows its pictures", tab.until("document.querySelectorAll('svg image').length === 4")
+          and tab.ask("Promise.all([...document.querySelectorAll('svg image')].map(image => image.decode().then(() => true, () => false)))") == [True] * 4)
+    halves = "[...document.querySelectorAll('.pair svg')].map(svg => Math.round(svg.getBoundingClientRect().height)).every(height => height > 100)"
+    check("input and output are both visible", tab.ask(halves))
+    box = tab.ask("""(() => { const plot = document.querySelector('svg[data-value]'); plot.scrollIntoView();
+        const b = plot.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()""")
+    tab.send("Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + 0.7 * box[2], y=box[1] + 0.5 * box[3])
+    output = "document.querySelector('svg[data-value]').parentElement.querySelector('output').textContent"
+    check("its plots answer to the pointer, in seconds before the newest frame", tab.until(f"/^-\\d+\\.\\d\\d s: camera.* -?[0-9.]+/.test({output})"))
+    tab.picture(folder, "service")
+    tab.size(390, 844)
+    check("the service's report fits a phone", tab.until("document.documentElement.scrollWidth <= 390"))
+
+
 def strangers(browser, address):
     host = address.split("/")[2]
     tab = Tab(browser, f"http://{host}/{'0' * 32}/")
@@ -283,13 +299,14 @@ def strangers(browser, address):
 
 
 def main():
-    program, live, film, page = sys.argv[1:5]
-    folder = sys.argv[5] if len(sys.argv) > 5 else None
+    program, live, film, page, about_service = sys.argv[1:6]
+    folder = sys.argv[6] if len(sys.argv) > 6 else None
     browser = Browser(program)
     try:
         daemon(browser, live, folder)
         recording(browser, film, folder)
         report(browser, page, folder)
+        service(browser, about_service, folder)
         # What a refused request leaves in the log is expected; an exception of the page's script is not.
         thrown = [entry for entry in browser.log if "exceptionDetails" in entry]
         check("no script failed", not thrown or print(thrown))

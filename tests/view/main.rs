@@ -1,6 +1,7 @@
 //! `gimbald view`: the page as programs and as a real browser see it.
 
 mod daemon;
+mod report;
 mod web;
 
 use std::fs;
@@ -161,9 +162,12 @@ fn a_real_browser_shows_it() {
     let report = scratch.path().join("report.html").to_str().unwrap().to_owned();
     let replay = Command::new(env!("CARGO_BIN_EXE_gimbald")).args(["replay", CAR, "-o", "null:", "--report", &report]).status();
     assert!(replay.unwrap().success());
+    let service = scratch.path().join("service.html").to_str().unwrap().to_owned();
+    let told = report::gimbald(&["report", "--pictures", "--socket", &running.socket(), "-o", &service]);
+    assert!(told.status.success(), "{told:?}");
     // PICTURES=DIR leaves screenshots there.
     let pictures = std::env::var("PICTURES").ok();
-    let arguments = [script, chromium, &daemon.address(), &recording.address(), &report];
+    let arguments = [script, chromium, &daemon.address(), &recording.address(), &report, &service];
     let output = Command::new("python3").args(arguments).args(pictures).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));

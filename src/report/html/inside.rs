@@ -147,7 +147,7 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
     let line = |label: &str, class: &'static str, of: &dyn Fn(&Sample) -> f64| Series {
         label: label.into(),
         class,
-        values: report.samples.iter().map(of).collect(),
+        values: report.journal.samples.iter().map(of).collect(),
     };
     let plot = |title: &str, note: String, unit, series, least| Plot {
         title: title.into(),
@@ -164,7 +164,7 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
     if !report.inside.curves.is_empty() {
         report.inside.figure(html, times);
     }
-    let found = report.samples.iter().any(|s| {
+    let found = report.journal.samples.iter().any(|s| {
         let Calibration { readout_deviation_s, hfov_deviation_deg, lens_k1_deviation, .. } = s.calibration;
         readout_deviation_s > 0.0 || hfov_deviation_deg > 0.0 || lens_k1_deviation > 0.0
     });

@@ -2,10 +2,12 @@
 //! network, and stays below [`MAX_BYTES`] for ordinary runs: the player gets what the rest leaves.
 
 mod clip;
+mod daemon;
 mod inside;
 mod page;
 mod picture;
 mod plot;
+mod sections;
 mod stills;
 
 use super::Stats;
@@ -21,6 +23,8 @@ use clip::Clip;
 use inside::Inside;
 use stills::Stills;
 
+pub use daemon::DaemonReport;
+
 /// Bytes of a page, at most, unless plots and still pictures alone need more.
 pub const MAX_BYTES: usize = 3_000_000;
 
@@ -30,11 +34,17 @@ pub struct Report {
     settings: Settings,
     format: StreamFormat,
     input: String,
-    names: &'static MotionNames,
-    samples: Vec<Sample>,
+    journal: Journal,
     stills: Stills,
     clip: Clip,
     inside: Inside,
+}
+
+/// The frames of a run, oldest first, and how their parameters are to be read.
+#[derive(Debug)]
+struct Journal {
+    names: &'static MotionNames,
+    samples: Vec<Sample>,
 }
 
 /// What the page shows of a frame.
@@ -68,8 +78,7 @@ impl Report {
             settings: settings.clone(),
             format: *format,
             input: input.to_owned(),
-            names: MotionNames::of(settings.pipeline.shutter.model),
-            samples: Vec::new(),
+            journal: Journal { names: MotionNames::of(settings.pipeline.shutter.model), samples: Vec::new() },
             stills: Stills::new(),
             clip: Clip::new(),
             inside: Inside::default(),
@@ -89,9 +98,9 @@ impl Report {
         let held = matches!(context.outcome, Outcome::Held(_));
         let (motion, path, smoothed) =
             if held { (unknown, unknown, unknown) } else { (context.motion, context.path, context.smoothed) };
-        let before = self.samples.iter().rev().find(|sample| !matches!(sample.outcome, Outcome::Held(_)));
+        let before = self.journal.samples.iter().rev().find(|sample| !matches!(sample.outcome, Outcome::Held(_)));
         let steadied = match before {
-            Some(before) if !held => self.names.steadied([before.path, path], [before.smoothed, smoothed]),
+            Some(before) if !held => self.journal.names.steadied([before.path, path], [before.smoothed, smoothed]),
             _ => unknown,
         };
         Sample {
@@ -119,18 +128,18 @@ impl Observer for Report {
     fn drawn(&mut self, frame: &Frame, output: PictureRef<'_>) {
         let sample = self.sample(frame);
         // How much the motion itself changed: what makes a picture shake, whatever the model's units.
-        let shake = match self.samples.last() {
-            Some(before) => (0..self.names.axes.len()).map(|i| (sample.motion[i] - before.motion[i]).powi(2)).sum(),
+        let shake = match self.journal.samples.last() {
+            Some(before) => (0..self.journal.names.axes.len()).map(|i| (sample.motion[i] - before.motion[i]).powi(2)).sum(),
             None => 0.0,
         };
         self.stills.add(frame, output, shake);
         self.clip.add(frame, output, shake);
         self.inside.add(frame);
-        self.samples.push(sample);
+        self.journal.samples.push(sample);
     }
 
     fn sent(&mut self, frame: &Frame) {
-        if let Some(last) = self.samples.last_mut() {
+        if let Some(last) = self.journal.samples.last_mut() {
             last.spent_ms = frame.context.spent_ns.iter().sum::<u64>() as f64 / 1e6;
         }
     }
