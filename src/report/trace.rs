@@ -115,7 +115,7 @@ mod tests {
         let text = String::from_utf8(bytes).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows.len(), 3);
-        assert!(rows.iter().all(|row| row.len() == 31), "{text}");
+        assert!(rows.iter().all(|row| row.len() == 36), "{text}");
         let column = |name| rows[0].iter().position(|head| *head == name).unwrap();
         assert_eq!((rows[2][column("index")], rows[2][column("time_s")]), ("1", "0.04"));
         assert_eq!((rows[1][column("readout_ms")], rows[1][column("hfov_deg")]), ("", ""));
@@ -138,7 +138,7 @@ mod tests {
             }
         }
         let stop = Stop::default();
-        let mut trace = Trace::new(Full(200), Model::Cho2007, stop.clone()).unwrap();
+        let mut trace = Trace::new(Full(300), Model::Cho2007, stop.clone()).unwrap();
         trace.drawn(&Frame::default(), Picture::default().as_ref());
         assert!(stop.is_set());
         assert_eq!(trace.finish().unwrap_err().kind(), io::ErrorKind::StorageFull);
