@@ -106,7 +106,7 @@ const FRAMES: usize = 10;
 const LONGEST_HELD_NS: i64 = 2_000_000_000;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough. With look-ahead, more by
 /// what it holds.
-const MOST_WAITING: usize = 3;
+const MAX_WAITING: usize = 3;
 /// Frames that look-ahead may hold: half a second, the longest that can be set, at 480 a second. The header of a recording may claim any rate,
 /// and memory is taken for as many.
 const MAX_AHEAD: usize = 240;
@@ -191,7 +191,7 @@ impl Stabilizer {
     pub fn take_in(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
         let waiting = self.slots.iter().position(|slot| slot.progress == Progress::Waiting);
-        if waiting.is_some_and(|first| self.slots.len() - first >= MOST_WAITING) {
+        if waiting.is_some_and(|first| self.slots.len() - first >= MAX_WAITING) {
             self.settle_waiting(self.shutter.newest());
         }
         // behind a row of damaged frames nothing new becomes known
@@ -292,7 +292,7 @@ impl Stabilizer {
     /// Gives frames their places, oldest first, that would be later than `lookahead_s` if they waited for one more, or behind which too
     /// many wait.
     fn place_known(&mut self, lookahead_s: f64) {
-        let most = ahead(self.lookahead_s, self.nominal_s) + MOST_WAITING;
+        let most = ahead(self.lookahead_s, self.nominal_s) + MAX_WAITING;
         for i in 0..self.slots.len() {
             let Progress::Known { motion, time_s, interval_s } = self.slots[i].progress else { continue };
             let known_s = self.known_s - time_s;

@@ -8,7 +8,7 @@ use libfuzzer_sys::arbitrary::Unstructured;
 use std::cell::RefCell;
 
 /// Pixels of a JPEG that is decoded, at most: larger ones only take longer.
-const MOST_PIXELS: u32 = 1 << 15;
+const MAX_PIXELS: u32 = 1 << 15;
 
 thread_local! {
     /// Kept from input to input, as from frame to frame: nothing of a picture may show in the next.
@@ -19,7 +19,7 @@ thread_local! {
 /// A JPEG, taken for a frame of the size that its own header says, or for one of two fields.
 pub fn jpeg(data: &[u8]) {
     let Some((width, height)) = size_of(data) else { return };
-    if width * height > MOST_PIXELS {
+    if width * height > MAX_PIXELS {
         return;
     }
     let size = if data.len() % 4 == 0 { (width, 2 * height) } else { (width, height) };

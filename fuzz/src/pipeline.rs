@@ -30,7 +30,7 @@ const SETS: &[&[&str]] = &[
 
 /// What is set first: little work for each frame, so that many inputs are tried.
 const LIGHT: [&str; 2] = ["track.points=50", "track.window=8"];
-const MOST_FRAMES: usize = 8;
+const MAX_FRAMES: usize = 8;
 
 /// A stream that is made up of the input.
 pub fn pipeline(data: &[u8]) {
@@ -105,7 +105,7 @@ fn stream(bytes: &mut Unstructured<'_>) -> Result<Vec<u8>> {
     let mut format = Format::any(bytes)?;
     format.record(bytes, &mut stream)?;
     let (mut time, mut sequence, mut at) = (0i64, 0u64, [0i32; 2]);
-    for n in 0..MOST_FRAMES {
+    for n in 0..MAX_FRAMES {
         if bytes.is_empty() {
             break;
         }

@@ -1,6 +1,6 @@
 //! What people and programs write: configuration, `--set`, requests to a daemon, the file in which it keeps what it knows of cameras.
 
-use gimbald::config::{MOST_SHOWN, Settings, keys::KEYS};
+use gimbald::config::{MAX_SHOWN, Settings, keys::KEYS};
 use gimbald::control::{DaemonState, LONGEST_REQUEST, Reply, Request, fuzz_reply};
 use gimbald::daemon::fuzz_calibration_store;
 use gimbald::systemd::Systemd;
@@ -16,7 +16,7 @@ pub fn configuration(data: &[u8]) {
         Ok(settings) => can_be_written(&settings),
         Err(faults) => {
             let (shown, said) = (faults.shown.len(), faults.to_string());
-            assert!((1..=MOST_SHOWN).contains(&shown) && said.len() < LONGEST_FAULT * (shown + 1), "{} bytes", said.len());
+            assert!((1..=MAX_SHOWN).contains(&shown) && said.len() < LONGEST_FAULT * (shown + 1), "{} bytes", said.len());
         }
     }
 }

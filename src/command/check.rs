@@ -107,7 +107,7 @@ struct Found {
 /// Frames further apart than this (nanoseconds) are no stream that goes on: the camera was away, or its clock is wrong.
 const LONGEST_PAUSE_NS: i128 = 10_000_000_000;
 /// Drivers count frames in 32 bits: no more can be missing at once.
-const MOST_MISSING: u64 = 1 << 32;
+const MAX_MISSING: u64 = 1 << 32;
 
 /// Reads a stream through and says what it holds.
 fn stream(path: &Path) -> Result<(), Failure> {
@@ -156,7 +156,7 @@ impl Found {
     /// Takes in a frame that comes after another.
     fn follow(&mut self, stamp: Stamp) {
         match stamp.sequence.checked_sub(self.last.sequence) {
-            Some(step @ 1..MOST_MISSING) => self.missing += step - 1,
+            Some(step @ 1..MAX_MISSING) => self.missing += step - 1,
             _ => self.misnumbered += 1,
         }
         match i128::from(stamp.time_ns) - i128::from(self.last.time_ns) {

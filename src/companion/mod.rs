@@ -22,7 +22,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 const WITHOUT_DAEMON: Duration = Duration::from_secs(3);
 
 /// Nodes, at most: one for each daemon.
-const MOST_NODES: usize = 16;
+const MAX_NODES: usize = 16;
 
 /// Keeps a node for each daemon until `stop` is set and `wake` notified.
 ///
@@ -41,7 +41,7 @@ pub fn run(stop: &Stop, wake: &Notifier) -> Result<(), Missing> {
                 found.push(String::new());
             }
             for instance in found {
-                if notifiers.len() >= MOST_NODES || notifiers.iter().any(|(known, _)| *known == instance) {
+                if notifiers.len() >= MAX_NODES || notifiers.iter().any(|(known, _)| *known == instance) {
                     continue;
                 }
                 let Ok(notifier) = Notifier::new() else { continue };

@@ -53,12 +53,12 @@ impl Fault {
 }
 
 /// Faults that are described; of all beyond them there is only a count.
-pub const MOST_SHOWN: usize = 50;
+pub const MAX_SHOWN: usize = 50;
 
 /// What is wrong with settings, in the order in which they were written; never empty once it is an error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// The first [`MOST_SHOWN`].
+    /// The first [`MAX_SHOWN`].
     pub shown: Vec<Fault>,
     /// How many there are besides.
     pub more: usize,
@@ -67,7 +67,7 @@ pub struct Faults {
 impl Faults {
     /// Adds a fault. Describing one takes time, so `describe` is asked only where it will be shown.
     pub(super) fn add(&mut self, describe: impl FnOnce() -> Fault) {
-        if self.shown.len() < MOST_SHOWN {
+        if self.shown.len() < MAX_SHOWN {
             self.shown.push(describe());
         } else {
             self.more += 1;

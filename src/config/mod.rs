@@ -10,7 +10,7 @@ mod read;
 mod settings;
 mod shipped;
 
-pub use fault::{Fault, Faults, MOST_SHOWN, Origin};
+pub use fault::{Fault, Faults, MAX_SHOWN, Origin};
 pub use key::{Key, Kind};
 pub use settings::{Capture, Control, Level, Log, Output, Settings};
 pub use shipped::{key_table, shipped_file};

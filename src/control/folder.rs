@@ -10,7 +10,7 @@ use rustix::fs::{AtFlags, CWD, FileType, Mode, OFlags, Stat, fstat, mkdirat, ope
 use rustix::io::Errno;
 
 /// Links that are followed on the way to a directory, at most.
-const MOST_LINKS: u32 = 40;
+const MAX_LINKS: u32 = 40;
 /// A place in the file system, and nothing that could have an effect on what is there.
 const PLACE: OFlags = OFlags::PATH.union(OFlags::NOFOLLOW).union(OFlags::CLOEXEC);
 
@@ -55,7 +55,7 @@ impl Folder {
                 return Err(io::Error::other(what));
             }
             links += 1;
-            if links > MOST_LINKS {
+            if links > MAX_LINKS {
                 return Err(Errno::LOOP.into());
             }
             let target = OsString::from_vec(readlinkat(&next, "", Vec::new())?.into_bytes());

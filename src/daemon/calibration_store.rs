@@ -19,7 +19,7 @@ const NAME: &str = "cameras.toml";
 /// It is written no oftener than this while a stream runs.
 const EVERY: Duration = Duration::from_secs(60);
 /// Most cameras that are kept; the one used longest ago is forgotten first.
-const MOST_CAMERAS: usize = 32;
+const MAX_CAMERAS: usize = 32;
 /// Standard deviations in an uncertainty, where it becomes a start: what is known begins doubted, since lenses are exchanged.
 const DOUBT: f64 = 2.0;
 /// Least standard deviation of a start (ms; degrees; k1).
@@ -260,7 +260,7 @@ impl State {
             return;
         }
         let at = self.entries.iter().position(|held| held.entry.mode == mode).unwrap_or_else(|| {
-            if self.entries.len() >= MOST_CAMERAS {
+            if self.entries.len() >= MAX_CAMERAS {
                 self.entries.remove(0);
             }
             self.entries.push(Held::as_read(Entry { mode, readout_ms: None, hfov_deg: None, lens_k1: None }));
@@ -284,7 +284,7 @@ fn merge(mut kept: Vec<Entry>, ours: &[Held]) -> Vec<Entry> {
         let there = kept.iter().position(|entry| entry.mode == held.entry.mode).map(|at| kept.remove(at));
         kept.extend(if held.changed { Some(held.entry.clone()) } else { there });
     }
-    kept.drain(..kept.len().saturating_sub(MOST_CAMERAS));
+    kept.drain(..kept.len().saturating_sub(MAX_CAMERAS));
     kept
 }
 
@@ -299,7 +299,7 @@ fn entries_of(text: Option<String>) -> Result<Vec<Entry>, Unusable> {
             return Err(damaged(format!("a value of {:?} is out of range", entry.mode.name)));
         }
     }
-    content.camera.drain(..content.camera.len().saturating_sub(MOST_CAMERAS));
+    content.camera.drain(..content.camera.len().saturating_sub(MAX_CAMERAS));
     Ok(content.camera)
 }
 
@@ -332,7 +332,7 @@ pub fn fuzz(text: &str) {
         store.end(&found);
     }
     let merged = merge(entries, &store.state().entries);
-    assert!(merged.len() <= MOST_CAMERAS);
+    assert!(merged.len() <= MAX_CAMERAS);
     let written = text_of(&merged).expect("what was read can be written");
     let read = entries_of(Some(written)).expect("what was written can be read");
     assert_eq!(format!("{read:?}"), format!("{merged:?}"));
@@ -483,7 +483,7 @@ mod tests {
     fn many_cameras_are_kept_and_the_one_used_longest_ago_goes() {
         let scratch = Scratch::new();
         let store = CalibrationStore::open(Some(scratch.path()));
-        for n in 0..MOST_CAMERAS {
+        for n in 0..MAX_CAMERAS {
             store.begin(mode(&format!("camera {n}")), Camera::default());
             store.end(&SURE);
         }

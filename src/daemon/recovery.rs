@@ -13,7 +13,7 @@ const SECOND_NS: i64 = 1_000_000_000;
 const PAUSE_NS: (i64, i64) = (3 * SECOND_NS, 300 * SECOND_NS);
 
 /// Frames that must have come meanwhile: of a slow camera, a few more are waited for.
-const LEAST_FRAMES: u64 = 5;
+const MIN_FRAMES: u64 = 5;
 
 /// Times as long where no frame comes at all; a stream that gives nothing is restarted by its capture.
 const SILENT: i64 = 4;
@@ -25,7 +25,7 @@ const WORKS: u64 = 10;
 const RESTARTS: u32 = 2;
 
 /// Formats that are remembered as left, of all cameras.
-const MOST_LEFT: usize = 32;
+const MAX_LEFT: usize = 32;
 
 /// What is to be done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,7 +91,7 @@ impl Recovery {
             let over = passed_ns >= SILENT * self.pause_ns && (self.next || self.left);
             return if over { self.other_format(now_ns, frames) } else { Step::GoOn };
         }
-        if passed_ns < self.pause_ns || frames.saturating_sub(self.frames) < LEAST_FRAMES {
+        if passed_ns < self.pause_ns || frames.saturating_sub(self.frames) < MIN_FRAMES {
             return Step::GoOn;
         }
         if self.restarts < if self.works { RESTARTS } else { 1 } {
@@ -138,7 +138,7 @@ impl RejectedFormats {
     /// `pixel` of the camera of this name at this bus gave no usable frame, for the reason `what`.
     pub(super) fn leave(&mut self, (card, bus): &(String, String), pixel: PixelFormat, what: String) {
         self.forget(card, bus, pixel);
-        if self.0.len() >= MOST_LEFT {
+        if self.0.len() >= MAX_LEFT {
             self.0.remove(0);
         }
         let format = Avoided { card: card.clone(), bus: bus.clone(), pixel };
@@ -296,6 +296,6 @@ mod tests {
         for n in 0..100 {
             left.leave(&(n.to_string(), String::new()), PixelFormat::Yuyv, String::new());
         }
-        assert_eq!(left.told().len(), MOST_LEFT);
+        assert_eq!(left.told().len(), MAX_LEFT);
     }
 }

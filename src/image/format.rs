@@ -3,7 +3,7 @@
 use std::fmt;
 
 /// The most pixels of a picture that comes compressed: 7680 x 4320. Its size costs the sender nothing, unlike that of raw frames.
-pub const MOST_COMPRESSED_PIXELS: u64 = 7680 * 4320;
+pub const MAX_COMPRESSED_PIXELS: u64 = 7680 * 4320;
 
 /// How a raw frame's bytes are laid out, as V4L2 and y4m name it. All samples have 8 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -79,9 +79,9 @@ impl PixelFormat {
         matches!(self, Self::Rgb24 | Self::Bgr24)
     }
 
-    /// Whether pictures of `width` x `height` are too large to be decoded: more than [`MOST_COMPRESSED_PIXELS`].
+    /// Whether pictures of `width` x `height` are too large to be decoded: more than [`MAX_COMPRESSED_PIXELS`].
     pub fn is_too_large(self, width: u32, height: u32) -> bool {
-        self.is_compressed() && u64::from(width) * u64::from(height) > MOST_COMPRESSED_PIXELS
+        self.is_compressed() && u64::from(width) * u64::from(height) > MAX_COMPRESSED_PIXELS
     }
 
     /// Bytes of a row of the first plane where rows have no padding; 0 for compressed formats.

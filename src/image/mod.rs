@@ -10,7 +10,7 @@ mod plane;
 mod raw;
 
 pub use colour::{BLACK, Colour, FromRgb, Range, Siting, ToFull, ToLimited, rgb};
-pub use format::{MOST_COMPRESSED_PIXELS, PixelFormat};
+pub use format::{MAX_COMPRESSED_PIXELS, PixelFormat};
 pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;

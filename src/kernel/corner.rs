@@ -6,10 +6,10 @@ use crate::image::PlaneRef;
 /// Half the side of the window over which the gradient matrix is summed, pixels.
 pub const REACH: usize = 3;
 /// Largest side of a rectangle that is searched at a time, pixels.
-pub const MOST: usize = 32;
+pub const MAX: usize = 32;
 /// Sums that are worked on at a time; rows are made up to whole groups.
 const GROUP: usize = 8;
-const WIDE: usize = (MOST + 2 * REACH).next_multiple_of(GROUP);
+const WIDE: usize = (MAX + 2 * REACH).next_multiple_of(GROUP);
 /// Samples in the window.
 const AREA: f32 = ((2 * REACH + 1) * (2 * REACH + 1)) as f32;
 
@@ -24,7 +24,7 @@ pub struct Corner {
     pub strength: f32,
 }
 
-/// Searches columns `x` .. `x + width` and rows `y` .. `y + height` of `plane` (at most [`MOST`] each; a rim of [`REACH`] + 1
+/// Searches columns `x` .. `x + width` and rows `y` .. `y + height` of `plane` (at most [`MAX`] each; a rim of [`REACH`] + 1
 /// pixels of the plane is never searched) for the strongest corner that `allowed` (x, y). `None` where there is no place.
 pub fn strongest(
     level: Level,
@@ -35,14 +35,14 @@ pub fn strongest(
 ) -> Option<Corner> {
     let rim = REACH + 1;
     let (x0, y0) = (x.max(rim), y.max(rim));
-    let x1 = x.saturating_add(width.min(MOST)).min(plane.width().saturating_sub(rim));
-    let y1 = y.saturating_add(height.min(MOST)).min(plane.height().saturating_sub(rim));
+    let x1 = x.saturating_add(width.min(MAX)).min(plane.width().saturating_sub(rim));
+    let y1 = y.saturating_add(height.min(MAX)).min(plane.height().saturating_sub(rim));
     if x0 >= x1 || y0 >= y1 {
         return None;
     }
     let (w, h) = (x1 - x0, y1 - y0);
-    let mut strengths = [[0.0; MOST]; MOST];
-    let mut strongest = [0.0; MOST];
+    let mut strengths = [[0.0; MAX]; MAX];
+    let mut strongest = [0.0; MAX];
     measure(level, plane, [x0, y0], [w, h], &mut strengths, &mut strongest);
     let mut best: Option<Corner> = None;
     for (j, row) in strengths[..h].iter().enumerate() {
@@ -60,7 +60,7 @@ pub fn strongest(
 }
 
 /// The smaller eigenvalue at each place of a rectangle, row by row.
-type Strengths = [[f32; MOST]; MOST];
+type Strengths = [[f32; MAX]; MAX];
 
 /// Measures the smaller eigenvalue at each place of a rectangle that lies [`REACH`] + 1 pixels within the plane, and each row's
 /// largest.
@@ -70,7 +70,7 @@ fn measure(
     from: [usize; 2],
     size: [usize; 2],
     all: &mut Strengths,
-    largest: &mut [f32; MOST],
+    largest: &mut [f32; MAX],
 ) {
     dispatch!(
         level,
@@ -79,17 +79,17 @@ fn measure(
             from: [usize; 2],
             size: [usize; 2],
             all: &mut Strengths,
-            largest: &mut [f32; MOST],
+            largest: &mut [f32; MAX],
         )
     )
 }
 
 #[inline(always)]
-fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], all: &mut Strengths, largest: &mut [f32; MOST]) {
+fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], all: &mut Strengths, largest: &mut [f32; MAX]) {
     const SIDE: usize = 2 * REACH + 1;
     let used = w + 2 * REACH + 2;
     let wide = (w + 2 * REACH).next_multiple_of(GROUP).min(WIDE);
-    let places = w.next_multiple_of(GROUP).min(MOST);
+    let places = w.next_multiple_of(GROUP).min(MAX);
     let mut rows = [[0u8; WIDE + 2]; 3];
     for (j, row) in rows[..2].iter_mut().enumerate() {
         row[..used].copy_from_slice(&plane.row(y0 + j - REACH - 1)[x0 - REACH - 1..][..used]);
@@ -184,8 +184,8 @@ mod tests {
             for (from, size) in [([0, 0], [32, 32]), ([5, 3], [13, 40]), ([0, 9], [64, 7]), ([11, 5], [5, 32])] {
                 let allowed = |x: usize, y: usize| !(x + 2 * y).is_multiple_of(3);
                 let mut best: Option<Corner> = None;
-                for y in from[1].max(4)..(from[1] + size[1].min(MOST)).min(height - 4) {
-                    for x in from[0].max(4)..(from[0] + size[0].min(MOST)).min(width - 4) {
+                for y in from[1].max(4)..(from[1] + size[1].min(MAX)).min(height - 4) {
+                    for x in from[0].max(4)..(from[0] + size[0].min(MAX)).min(width - 4) {
                         let mut sums = [0i32; 3];
                         for (i, j) in (0..7).flat_map(|j| (0..7).map(move |i| (x + i - 3, y + j - 3))) {
                             let at = |x: usize, y: usize| i32::from(plane.at(x, y));

@@ -5,12 +5,12 @@
 use super::{Level, dispatch};
 
 /// Rows of a matrix that is factored, at most.
-pub const MOST: usize = 192;
+pub const MAX: usize = 192;
 
 /// Lower Cholesky factor of the leading `n` x `n` block, with rows as far apart; false where it is not positive definite.
 ///
 /// # Panics
-/// Where a slice is shorter than `n` rows, or there are more than [`MOST`].
+/// Where a slice is shorter than `n` rows, or there are more than [`MAX`].
 pub fn factor(level: Level, matrix: &[f64], factor: &mut [f64], n: usize, stride: usize) -> bool {
     dispatch!(level, factor_body(matrix: &[f64], factor: &mut [f64], n: usize, stride: usize) -> bool)
 }
@@ -21,7 +21,7 @@ fn factor_body(matrix: &[f64], factor: &mut [f64], n: usize, stride: usize) -> b
         factor[i * stride..=i * stride + i].copy_from_slice(&matrix[i * stride..=i * stride + i]);
     }
     // column by column: what is left of the rows below never waits for a sum, as it would row by row
-    let mut column = [0.0; MOST];
+    let mut column = [0.0; MAX];
     for k in 0..n {
         let pivot = factor[k * stride + k];
         if !(pivot > 0.0 && pivot.is_finite()) {

@@ -18,7 +18,7 @@ use crate::rt::stop::Stop;
 const IDLE: Duration = Duration::from_millis(500);
 
 /// Live, frames that may wait.
-const MOST_WAITING: usize = 3;
+const MAX_WAITING: usize = 3;
 
 /// Live, this many frames in a row behind which another waits mean that the machine is too slow for all of them.
 const TOO_LATE: u32 = 15;
@@ -79,7 +79,7 @@ fn run(
         let _ = free.send(stabilizer.empty_frame());
     }
     let (full, mailbox) = bounded::<Box<Frame>>(match pace {
-        Pace::Live => MOST_WAITING,
+        Pace::Live => MAX_WAITING,
         Pace::Lossless => 2,
     });
     let stealing = (pace == Pace::Live).then(|| mailbox.clone());

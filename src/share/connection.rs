@@ -11,18 +11,18 @@ use rustix::net::{
     RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags, SendFlags, Shutdown, recvmsg, send, shutdown,
 };
 
-use super::lease::{Canvas, Kind, Lease, MOST_LENT};
+use super::lease::{Canvas, Kind, Lease, MAX_LENT};
 use super::memory::Memory;
 use super::proof::CameraNode;
 use super::server::Closing;
 use super::wire::{Format, FromCompanion, FromDaemon, LONGEST, Refusal};
 
 /// Messages in a second, at most: one for each of 240 frames, and some.
-const MOST_MESSAGES: u32 = 1000;
+const MAX_MESSAGES: u32 = 1000;
 /// Messages that are heard in a row before others have their turn.
 const IN_A_ROW: usize = 32;
 /// Descriptors that one message can bring; the kernel allows no more. Those we did not take it would close in our place.
-const MOST_FDS: usize = 253;
+const MAX_FDS: usize = 253;
 
 /// A connected companion.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ pub(super) struct Connection {
 impl Connection {
     pub(super) fn new(socket: OwnedFd) -> Self {
         let lease = Arc::new(Lease::new(socket));
-        let (lent, resting) = (Vec::with_capacity(MOST_LENT), Vec::with_capacity(MOST_LENT));
+        let (lent, resting) = (Vec::with_capacity(MAX_LENT), Vec::with_capacity(MAX_LENT));
         Self {
             lease,
             size: None,
@@ -120,7 +120,7 @@ impl Connection {
 
     fn receive(&mut self, closing: &Closing) -> Result<Option<(FromCompanion, Vec<OwnedFd>)>, String> {
         let mut bytes = [0; LONGEST];
-        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MOST_FDS))];
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS))];
         let mut ancillary = RecvAncillaryBuffer::new(&mut space);
         let flags = RecvFlags::DONTWAIT | RecvFlags::CMSG_CLOEXEC;
         let received = recvmsg(&self.lease.socket, &mut [std::io::IoSliceMut::new(&mut bytes)], &mut ancillary, flags);
@@ -142,7 +142,7 @@ impl Connection {
             self.counted = (Instant::now(), 0);
         }
         self.counted.1 += 1;
-        let message = (!received.flags.contains(ReturnFlags::TRUNC) && self.counted.1 <= MOST_MESSAGES)
+        let message = (!received.flags.contains(ReturnFlags::TRUNC) && self.counted.1 <= MAX_MESSAGES)
             .then(|| FromCompanion::read(&bytes[..received.bytes]))
             .flatten();
         match message {
@@ -191,7 +191,7 @@ impl Connection {
                     Kind::Both => super::pair::bytes(width, height),
                 };
                 let bytes = bytes.ok_or("it lent memory for an impossible size")?;
-                if self.lent.len() >= MOST_LENT || self.lent.contains(&id) {
+                if self.lent.len() >= MAX_LENT || self.lent.contains(&id) {
                     closing.close(fd);
                     return Err("it lent too much memory".into());
                 }

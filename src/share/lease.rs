@@ -15,7 +15,7 @@ use crate::image::PictureRef;
 use crate::kernel::{Level, convert::pack};
 
 /// Pieces of memory that a companion may lend at a time; PipeWire's buffers are no more.
-pub(super) const MOST_LENT: usize = 16;
+pub(super) const MAX_LENT: usize = 16;
 
 /// Which pictures of a frame a companion wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,9 +58,9 @@ impl Lease {
             socket,
             live: AtomicBool::new(false),
             kind: AtomicU32::new(Kind::Output as u32),
-            empty: bounded(MOST_LENT),
-            drawn: bounded(MOST_LENT),
-            unsent: bounded(MOST_LENT),
+            empty: bounded(MAX_LENT),
+            drawn: bounded(MAX_LENT),
+            unsent: bounded(MAX_LENT),
             sent: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }

@@ -25,16 +25,16 @@ use crate::rt::notifier::Notifier;
 const NAME: &str = "pictures.sock";
 
 /// Companions at a time. One more takes the place of the one that has shown no proof for longest.
-const MOST_CONNECTIONS: usize = 8;
+const MAX_CONNECTIONS: usize = 8;
 
 /// Connections accepted in a second, at most; others wait.
-const MOST_ARRIVALS: u32 = 50;
+const MAX_ARRIVALS: u32 = 50;
 
 /// How often the camera's node is looked for while a companion that is watched could not prove anything: it may have been plugged in.
 const LOOK_FOR_CAMERA: Duration = Duration::from_secs(1);
 
 /// Descriptors that wait to be closed, at most.
-const MOST_CLOSING: usize = 64;
+const MAX_CLOSING: usize = 64;
 
 /// Who watches which pictures through companions: the daemon's door to them. Clones are the same.
 #[derive(Clone, Debug)]
@@ -86,13 +86,13 @@ impl Companions {
         let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
         self.asked().pictures = Some((format.width, format.height, format.interval));
         self.0.notifier.notify();
-        Outlet::new(self.0.leases.clone(), MOST_CONNECTIONS, format)
+        Outlet::new(self.0.leases.clone(), MAX_CONNECTIONS, format)
     }
 
     /// A way to give output, input and [`super::FrameInfo`] to companions that want them; `format` is that of [`Companions::outlet`].
     pub fn inspector(&self, format: &StreamFormat) -> Inspector {
         let format = StreamFormat::tight(format.width, format.height, super::PIXEL, format.interval);
-        Inspector::new(self.0.leases.clone(), MOST_CONNECTIONS, format)
+        Inspector::new(self.0.leases.clone(), MAX_CONNECTIONS, format)
     }
 
     /// The camera's node is `path`: who proved something for another has to prove it again.
@@ -306,7 +306,7 @@ impl Round<'_> {
         if self.arrivals.0.elapsed() >= Duration::from_secs(1) {
             self.arrivals = (Instant::now(), 0);
         }
-        let crowded = self.arrivals.1 >= MOST_ARRIVALS;
+        let crowded = self.arrivals.1 >= MAX_ARRIVALS;
         let mut fds = vec![
             PollFd::from_borrowed_fd(done.fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(self.server.companions.0.notifier.fd(), PollFlags::IN),
@@ -350,11 +350,11 @@ impl Round<'_> {
     }
 
     fn accept(&mut self) {
-        while self.arrivals.1 < MOST_ARRIVALS
+        while self.arrivals.1 < MAX_ARRIVALS
             && let Ok(socket) = accept_with(&self.server.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK)
         {
             self.arrivals.1 += 1;
-            if self.connections.len() >= MOST_CONNECTIONS {
+            if self.connections.len() >= MAX_CONNECTIONS {
                 match self.connections.iter().position(|connection| !connection.is_proven()) {
                     Some(index) => self.disconnect(index, "another took its place"),
                     None => continue,
@@ -408,7 +408,7 @@ pub(super) struct Closing(Sender<OwnedFd>);
 
 impl Closing {
     pub(super) fn start() -> Option<Self> {
-        let (sender, receiver) = bounded::<OwnedFd>(MOST_CLOSING);
+        let (sender, receiver) = bounded::<OwnedFd>(MAX_CLOSING);
         // Never joined: it may be stuck.
         let run = move || receiver.into_iter().for_each(drop);
         std::thread::Builder::new().name("closing".into()).spawn(run).ok().map(|_| Self(sender))
@@ -423,6 +423,6 @@ impl Closing {
     }
 
     fn is_stuck(&self) -> bool {
-        self.0.len() > MOST_CLOSING / 2
+        self.0.len() > MAX_CLOSING / 2
     }
 }

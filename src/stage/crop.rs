@@ -76,7 +76,7 @@ const GLIDE: f64 = 0.1;
 const GROW: f64 = 0.008;
 const SHRINK: f64 = 0.003;
 /// Least zoom that shake is given: room for the first knock.
-const LEAST_AUTO: f64 = 1.02;
+const MIN_AUTO: f64 = 1.02;
 /// Seconds for which a need is remembered.
 const NEED_S: f64 = 30.0;
 /// Share of the margin that a need should take; from [`FULL`] of it on, it may be that more was wanted, and [`MORE`] is given.
@@ -127,7 +127,7 @@ impl Window {
         }
         let wanted = if crop_use >= FULL { MORE * crop_use } else { crop_use };
         self.need = (self.need * (-interval_s / NEED_S).exp()).max(wanted * (margin(self.zoom) + self.beyond));
-        let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(LEAST_AUTO.min(self.auto), self.auto);
+        let goal = (1.0 / (1.0 - 2.0 * (self.need / COMFORT).min(0.4))).clamp(MIN_AUTO.min(self.auto), self.auto);
         if (goal / self.goal).ln().abs() > IDLE {
             self.goal = goal;
         }
@@ -364,7 +364,7 @@ mod tests {
             }
             window.zoom
         };
-        assert!((shake(0.0) - LEAST_AUTO).abs() < 0.011);
+        assert!((shake(0.0) - MIN_AUTO).abs() < 0.011);
         let some = shake(0.06);
         assert!((margin(some) * COMFORT / 0.06 - 1.0).abs() < 0.15, "{some}");
         assert_eq!(shake(0.3), 1.25);

@@ -62,7 +62,7 @@ impl Grid {
         }
         let area = (size.0 * size.1) as f64 / f64::from(points.max(1));
         // an even side, so that cells are whole at half resolution, and no larger than a search
-        self.cell = (area.sqrt() as usize & !1).clamp(8, 2 * corner::MOST);
+        self.cell = (area.sqrt() as usize & !1).clamp(8, 2 * corner::MAX);
         self.columns = size.0.div_ceil(self.cell);
         self.rows = size.1.div_ceil(self.cell);
         self.holder = vec![None; self.columns * self.rows];

@@ -37,17 +37,17 @@ impl Default for Params {
 }
 
 /// Tracks below which nothing is fitted.
-const LEAST_TRACKS: usize = 12;
+const MIN_TRACKS: usize = 12;
 /// Tracks for which there is room from the start.
-const MOST_TRACKS: usize = 4096;
+const MAX_TRACKS: usize = 4096;
 /// What the inliers' threshold grows by, pixels a pixel of motion.
 const SLACK: f64 = 0.15;
 /// Hypotheses at most.
-const MOST_HYPOTHESES: usize = 160;
+const MAX_HYPOTHESES: usize = 160;
 /// Probability with which at least one sample should hold no outlier.
 const CERTAINTY: f64 = 0.999;
 /// Weight from which a track agrees: that of one as far off as the model's scale.
-const LEAST_WEIGHT: f32 = 0.25;
+const MIN_WEIGHT: f32 = 0.25;
 /// Rounds of refinement.
 const REFINEMENTS: usize = 6;
 
@@ -65,7 +65,7 @@ type Entries = SVector<f64, 8>;
 impl Fitter {
     /// A fitter whose random choices follow from the settings' seed.
     pub fn new(params: Params) -> Self {
-        Self { params, state: params.seed, lengths: Vec::with_capacity(MOST_TRACKS) }
+        Self { params, state: params.seed, lengths: Vec::with_capacity(MAX_TRACKS) }
     }
 
     /// Takes form and threshold from `params`; the random choices go on as they would.
@@ -76,7 +76,7 @@ impl Fitter {
     /// Fits `tracks`. With too few of them, or all of them in one place or on a line, the fit is the identity with confidence 0.
     pub fn fit(&mut self, tracks: &[Track]) -> Fit {
         let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };
-        if tracks.len() < LEAST_TRACKS {
+        if tracks.len() < MIN_TRACKS {
             return nothing;
         }
         let Some(frame) = Normal::of(tracks) else { return nothing };
@@ -98,8 +98,8 @@ impl Fitter {
     /// of at least a quarter of the full weight are inliers. To be told, not to be built on: the model that weighed knows more.
     pub fn agree(&self, tracks: &[Track]) -> Fit {
         let nothing = Fit { tracks: tracks.len() as u32, ..Fit::default() };
-        let Some(frame) = Normal::of(tracks).filter(|_| tracks.len() >= LEAST_TRACKS) else { return nothing };
-        let agreeing = || tracks.iter().filter(|track| track.weight >= LEAST_WEIGHT);
+        let Some(frame) = Normal::of(tracks).filter(|_| tracks.len() >= MIN_TRACKS) else { return nothing };
+        let agreeing = || tracks.iter().filter(|track| track.weight >= MIN_WEIGHT);
         let inliers = agreeing().count();
         let confidence = confidence(inliers, tracks.len(), frame.spread(agreeing()));
         let Some(entries) = linear(self.params.form, tracks, &frame) else { return nothing };
@@ -126,7 +126,7 @@ impl Fitter {
         };
         let limit = threshold * threshold;
         let mut best: Option<(f64, Entries)> = None;
-        let mut wanted = MOST_HYPOTHESES;
+        let mut wanted = MAX_HYPOTHESES;
         let mut tried = 0;
         while tried < wanted {
             tried += 1;
@@ -152,7 +152,7 @@ impl Fitter {
                 best = Some((cost, hypothesis));
                 let share = inliers as f64 / tracks.len() as f64;
                 let clean = share.powi(size as i32).clamp(1e-9, 1.0 - 1e-9);
-                wanted = (((1.0 - CERTAINTY).ln() / (1.0 - clean).ln()).ceil() as usize).clamp(12, MOST_HYPOTHESES);
+                wanted = (((1.0 - CERTAINTY).ln() / (1.0 - clean).ln()).ceil() as usize).clamp(12, MAX_HYPOTHESES);
             }
         }
         best.map(|(_, entries)| entries)
@@ -176,7 +176,7 @@ pub fn is_repeat(tracks: &[Track], before: &[Track]) -> bool {
         let far = |t: &&Track| (t.to[0] - t.from[0]).powi(2) + (t.to[1] - t.from[1]).powi(2) > least * least;
         tracks.iter().filter(far).count() as f64 / tracks.len() as f64
     };
-    let enough = tracks.len() >= LEAST_TRACKS && before.len() >= LEAST_TRACKS;
+    let enough = tracks.len() >= MIN_TRACKS && before.len() >= MIN_TRACKS;
     enough && moved(tracks, 0.06) < 0.1 && moved(before, 0.4) > 0.8
 }
 

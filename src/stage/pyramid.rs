@@ -7,14 +7,14 @@ use crate::image::PlaneRef;
 use crate::kernel::{Level, pyramid::halve};
 
 /// Levels above the picture itself, at most.
-const MOST_LEVELS: usize = 4;
+const MAX_LEVELS: usize = 4;
 /// A level whose shorter side would be less is not made (pixels).
-const LEAST_SIDE: usize = 36;
+const MIN_SIDE: usize = 36;
 
 /// Fills `pyramid` from `luma`. Allocates only where the picture's size changed.
 pub fn build(level: Level, luma: PlaneRef<'_>, pyramid: &mut Pyramid) {
     let mut count = 0;
-    while count < MOST_LEVELS && luma.width().min(luma.height()) >> (count + 1) >= LEAST_SIDE {
+    while count < MAX_LEVELS && luma.width().min(luma.height()) >> (count + 1) >= MIN_SIDE {
         count += 1;
     }
     pyramid.levels.resize_with(count, Default::default);

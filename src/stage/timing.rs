@@ -29,7 +29,7 @@ const EVEN: f64 = 0.02;
 /// An interval below this part of the period, and of the nominal one, is no camera's.
 const FASTEST: f64 = 0.4;
 /// Impossibly short intervals in a row, with nothing to make up for, after which the camera is that fast: no driver queues as many frames.
-const MOST_QUEUED: u32 = 40;
+const MAX_QUEUED: u32 = 40;
 /// Delays up to this many times the largest one lately made up for are taken for delays.
 const LATER: f64 = 1.5;
 /// Part of the largest delay made up for that is forgotten with each frame.
@@ -45,7 +45,7 @@ const ALIKE: f64 = 0.1;
 const LARGEST_GAP: u64 = 300;
 /// Frames whose stamps the period is estimated from, at most and at least.
 const POINTS: usize = 32;
-const LEAST_POINTS: usize = 10;
+const MIN_POINTS: usize = 10;
 
 /// Seconds from one [`Moment`]'s time to a later one's, as far as they count as motion.
 pub fn seconds_between(before_ns: i64, now_ns: i64) -> f64 {
@@ -229,7 +229,7 @@ impl Timing {
     /// Notices a camera that is so much faster than it is said to be that its intervals, of `suggested_ns`, are too short.
     fn follow_haste(&mut self, verdict: Verdict, suggested_ns: f64, time_ns: i64) {
         self.queued = if verdict == Verdict::CaughtUp { 0 } else { self.queued + 1 };
-        if self.queued > MOST_QUEUED && suggested_ns > 0.0 {
+        if self.queued > MAX_QUEUED && suggested_ns > 0.0 {
             (self.nominal_ns, self.period_ns, self.proven_ns) = (suggested_ns, suggested_ns, 0.0);
             self.begin(0, time_ns);
         }
@@ -300,7 +300,7 @@ impl Line {
                 len += 1;
             }
         }
-        if self.len < LEAST_POINTS {
+        if self.len < MIN_POINTS {
             return None;
         }
         let (_, median, _) = slopes[..len].select_nth_unstable_by(len / 2, f64::total_cmp);

@@ -50,13 +50,13 @@ pub fn remember(features: &mut [Feature], tracks: &[Track], confidence: f64) {
 }
 
 /// Steps at most on a level.
-const MOST_STEPS: usize = 10;
+const MAX_STEPS: usize = 10;
 /// A step shorter than this ends the search on the finest level, and on the others (pixels of that level).
 const SETTLED: [f32; 2] = [0.004, 0.04];
 /// A step or a way longer than this on one level is a point lost (pixels of that level).
 const FARTHEST: f32 = 12.0;
 /// Root mean square difference between both patches above which they are not the same thing (grey levels).
-const MOST_DIFFERENCE: f32 = 40.0;
+const MAX_DIFFERENCE: f32 = 40.0;
 
 /// Follows points from one frame to the next.
 #[derive(Debug)]
@@ -79,7 +79,7 @@ struct Way {
 }
 
 /// Features for which there is room from the start.
-const MOST_FEATURES: usize = 4096;
+const MAX_FEATURES: usize = 4096;
 
 /// A point followed forth and back.
 #[derive(Debug)]
@@ -97,7 +97,7 @@ struct Found {
 impl Tracker {
     /// A tracker with the given settings.
     pub fn new(params: Params, level: Level) -> Self {
-        let (found, shifts) = (Vec::with_capacity(MOST_FEATURES), Vec::with_capacity(MOST_FEATURES));
+        let (found, shifts) = (Vec::with_capacity(MAX_FEATURES), Vec::with_capacity(MAX_FEATURES));
         Self { params, level, found, shifts, neighbours: Neighbours::default() }
     }
 
@@ -188,7 +188,7 @@ impl Tracker {
         }
         let lost = self.found.iter().filter(|found| found.is_none()).count();
         if let Some(guess) = median_shift(&self.found, &mut self.shifts)
-            && hypot(guess[0], guess[1]) > LEAST_GUESS
+            && hypot(guess[0], guess[1]) > MIN_GUESS
             && lost * 8 > features.len()
         {
             for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
@@ -242,7 +242,7 @@ impl Neighbours {
 }
 
 /// A median motion shorter than this is no better guess than none (pixels).
-const LEAST_GUESS: f32 = 4.0;
+const MIN_GUESS: f32 = 4.0;
 
 /// Median shift of what was found, in each direction; `None` where too little was.
 fn median_shift(found: &[Option<Found>], scratch: &mut Vec<f32>) -> Option<[f32; 2]> {
@@ -340,7 +340,7 @@ fn align<const N: usize>(
     }
     let mut shift = start;
     let mut difference = f32::INFINITY;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let step = template.compare(level, plane, [here[0] + shift[0], here[1] + shift[1]]);
         let [bx, by] = step.rhs;
         let delta = [(xy * by - yy * bx) / determinant, (xy * bx - xx * by) / determinant];
@@ -354,7 +354,7 @@ fn align<const N: usize>(
             break;
         }
     }
-    if difference > MOST_DIFFERENCE {
+    if difference > MAX_DIFFERENCE {
         return None;
     }
     // noise has slopes too, and they say nothing: a difference of two noisy pictures has twice their variance, a central

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use crate::config::{Kind, MOST_SHOWN, Origin, Settings, keys, shipped_file};
+use crate::config::{Kind, MAX_SHOWN, Origin, Settings, keys, shipped_file};
 use crate::stage::fit::Form;
 use crate::stage::shutter::Known;
 
@@ -79,9 +79,9 @@ fn of_many_faults_the_first_are_described_and_the_rest_counted() {
     for (text, count) in [(&unknown, Some(80_000)), (&syntax, None), (&twice, Some(79_999)), (&refused, None)] {
         let faults = Settings::read(Some(("g.toml", text)), &[]).unwrap_err();
         let message = faults.to_string();
-        assert!(faults.shown.len() <= MOST_SHOWN && message.len() < 20_000, "{}: {}", faults.shown.len(), message.len());
+        assert!(faults.shown.len() <= MAX_SHOWN && message.len() < 20_000, "{}: {}", faults.shown.len(), message.len());
         if let Some(count) = count {
-            assert_eq!((faults.shown.len(), faults.more), (MOST_SHOWN, count - MOST_SHOWN), "{}", &message[..400]);
+            assert_eq!((faults.shown.len(), faults.more), (MAX_SHOWN, count - MAX_SHOWN), "{}", &message[..400]);
             assert!(message.starts_with(&format!("{count} errors in the configuration, showing the first 50:\n")));
             assert!(message.ends_with(&format!("\n  and {} more", count - 50)));
         }

@@ -3,7 +3,7 @@
 use super::{LARGEST, MAGIC};
 use crate::device::StreamFormat;
 use crate::frame::{FrameFlags, Stamp};
-use crate::image::{Colour, MOST_COMPRESSED_PIXELS, PixelFormat, Range, RawLayout, Siting};
+use crate::image::{Colour, MAX_COMPRESSED_PIXELS, PixelFormat, Range, RawLayout, Siting};
 
 /// The version that is written, and the only one that is read.
 const VERSION: u16 = 1;
@@ -179,7 +179,7 @@ pub(super) fn longest_frame(format: &StreamFormat) -> Result<usize, String> {
     }
     if pixel.is_too_large(width, height) {
         return Err(format!(
-            "its {pixel} pictures are {width}x{height}, expected at most {MOST_COMPRESSED_PIXELS} pixels (7680x4320) of a compressed format"
+            "its {pixel} pictures are {width}x{height}, expected at most {MAX_COMPRESSED_PIXELS} pixels (7680x4320) of a compressed format"
         ));
     }
     if pixel.is_compressed() {

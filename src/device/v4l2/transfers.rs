@@ -10,7 +10,7 @@ use super::queue::Returned;
 const TOGETHER_NS: i64 = 20_000_000;
 
 /// So many such buffers in a row, without a frame between, are no longer waited out.
-const MOST: u32 = 100;
+const MAX: u32 = 100;
 
 /// Counts them.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,7 +48,7 @@ impl Transfers {
 
     /// Whether so many fail that the stream should be restarted; when this was answered with yes, they count from 0 again.
     pub(super) fn are_hopeless(&mut self) -> bool {
-        let hopeless = self.in_a_row >= MOST;
+        let hopeless = self.in_a_row >= MAX;
         if hopeless {
             self.in_a_row = 0;
         }
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn a_driver_that_gives_every_buffer_back_at_once_is_hopeless() {
         let mut transfers = Transfers::default();
-        for n in 0..i64::from(MOST) {
+        for n in 0..i64::from(MAX) {
             assert!(!transfers.are_hopeless(), "{n}");
             transfers.look(&EMPTY, n);
         }

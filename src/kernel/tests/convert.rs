@@ -1,6 +1,6 @@
 //! Unpacking and packing at the edges of memory.
 
-use super::{Edge, Fenced, MOST, Random, Shape};
+use super::{Edge, Fenced, MAX, Random, Shape};
 use crate::image::{FromRgb, PictureMut, PictureRef, PixelFormat, PlaneMut, Range, Sampling, ToLimited};
 use crate::kernel::Level;
 use crate::kernel::convert::{
@@ -11,7 +11,7 @@ const SAMPLINGS: [Sampling; 4] = [Sampling::Mono, Sampling::S420, Sampling::S422
 
 /// Room for the largest plane: three bytes a pixel, padding.
 fn room() -> Fenced<u8> {
-    Fenced::new((3 * MOST + 8) * (MOST + 1))
+    Fenced::new((3 * MAX + 8) * (MAX + 1))
 }
 
 /// Rooms for the planes of a picture.

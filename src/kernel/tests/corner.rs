@@ -1,16 +1,16 @@
 //! The search for corners at the edges of memory.
 
-use super::{Fenced, MOST, Random, Shape};
+use super::{Fenced, MAX, Random, Shape};
 use crate::kernel::Level;
 use crate::kernel::corner::strongest;
 
 #[test]
 fn searches_stay_in_their_planes() {
     let mut random = Random(6);
-    let mut samples = Fenced::new((MOST + 4) * (MOST + 4));
+    let mut samples = Fenced::new((MAX + 4) * (MAX + 4));
     for shape in Shape::all() {
         let plane = shape.plane(&mut samples, &mut random);
-        let odd = [random.below(MOST), random.below(MOST)];
+        let odd = [random.below(MAX), random.below(MAX)];
         for (from, size) in
             [([0, 0], [usize::MAX; 2]), (odd, [usize::MAX; 2]), ([usize::MAX; 2], odd), ([0, 0], odd), (odd, [1, 1])]
         {

@@ -1,5 +1,5 @@
 //! Every kernel at every level, on memory that ends (and memory that begins) at a page that may not be touched: all sizes from 1 to
-//! [`MOST`] along both axes, padded rows, extreme parameters. A read or write outside of a slice ends the test by a signal.
+//! [`MAX`] along both axes, padded rows, extreme parameters. A read or write outside of a slice ends the test by a signal.
 
 mod convert;
 mod corner;
@@ -14,7 +14,7 @@ use crate::image::PlaneRef;
 use fenced::{Edge, Fenced};
 
 /// The largest width and height of all those that are tried one by one.
-const MOST: usize = 40;
+const MAX: usize = 40;
 
 #[test]
 fn the_cap_holds() {
@@ -70,7 +70,7 @@ struct Shape {
 impl Shape {
     /// Every size to be tried, without padding and with an odd stride, at the end of memory and at its beginning.
     fn all() -> impl Iterator<Item = Self> {
-        (1..=MOST).flat_map(|height| (1..=MOST).flat_map(move |width| Self::of(width, height)))
+        (1..=MAX).flat_map(|height| (1..=MAX).flat_map(move |width| Self::of(width, height)))
     }
 
     /// One size as in [`all`](Self::all).

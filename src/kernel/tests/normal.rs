@@ -1,6 +1,6 @@
 //! Sums for normal equations at the edges of memory.
 
-use super::{Edge, Fenced, MOST, Random};
+use super::{Edge, Fenced, MAX, Random};
 use crate::kernel::Level;
 use crate::kernel::normal::{BROAD, CURVE, Measurements, POINTS, Sums, WIDE, add, evaluate};
 
@@ -16,11 +16,11 @@ fn bits(numbers: &[f64]) -> Vec<u64> {
 #[test]
 fn sums_stay_in_their_slices() {
     let mut random = Random(7);
-    let mut scale = Fenced::<f64>::new(MOST);
-    let (mut weights, mut rates) = (Fenced::<[f64; POINTS]>::new(MOST), Fenced::<[f64; CURVE]>::new(MOST));
-    let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MOST), Fenced::<[f64; BROAD]>::new(MOST));
-    let mut said = Fenced::<[f64; WIDE]>::new(MOST);
-    for (count, edge) in (0..=MOST).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
+    let mut scale = Fenced::<f64>::new(MAX);
+    let (mut weights, mut rates) = (Fenced::<[f64; POINTS]>::new(MAX), Fenced::<[f64; CURVE]>::new(MAX));
+    let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MAX), Fenced::<[f64; BROAD]>::new(MAX));
+    let mut said = Fenced::<[f64; WIDE]>::new(MAX);
+    for (count, edge) in (0..=MAX).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
         let weights = &*weights.filled(edge, count, |_| std::array::from_fn(|_| number(&mut random)));
         let rates = &*rates.filled(edge, count, |_| std::array::from_fn(|_| number(&mut random)));
         let measurements = Measurements {

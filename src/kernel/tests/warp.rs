@@ -1,6 +1,6 @@
 //! The warp at the edges of memory.
 
-use super::{Edge, Fenced, MOST, Random, Shape};
+use super::{Edge, Fenced, MAX, Random, Shape};
 use crate::kernel::Level;
 use crate::kernel::warp::{
     Axis, Between, Cells, FURTHEST, Filter, Lens, Mesh, ONE, Outside, RowTable, TABLE, lines, nodes, row,
@@ -50,7 +50,7 @@ fn line(random: &mut Random, size: usize, wide: usize, steps: [i32; 2], reach: i
 fn rows_stay_in_their_slices() {
     const CELLS: [usize; 3] = [1, 2, 33];
     let mut random = Random(1);
-    let (mut samples, mut out) = (Fenced::new((MOST + 4) * (MOST + 4)), Fenced::new(33 * 64));
+    let (mut samples, mut out) = (Fenced::new((MAX + 4) * (MAX + 4)), Fenced::new(33 * 64));
     let mut numbers: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(33));
     for (n, shape) in Shape::all().enumerate() {
         let plane = shape.plane(&mut samples, &mut random);
@@ -137,9 +137,9 @@ fn cells_are_as_many_as_have_all_their_numbers() {
 #[test]
 fn nodes_and_lines_stay_in_their_slices() {
     let mut random = Random(3);
-    let mut room: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(MOST + 1));
+    let mut room: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(MAX + 1));
     let extremes = [0.0, -0.0, 1.0, -1e-9, 1e30, f64::MIN_POSITIVE, f64::MAX, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
-    for (count, edge) in (1..=MOST).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
+    for (count, edge) in (1..=MAX).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
         for _ in 0..20 {
             let view = std::array::from_fn(|_| random.of(&extremes));
             let table = |random: &mut Random| std::array::from_fn(|_| [random.of(&extremes) as f32; TABLE]);

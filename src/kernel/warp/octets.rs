@@ -22,7 +22,7 @@ const STEEPEST: i32 = (1 << 16) / 8;
 /// Bytes that are loaded of each row of an octet.
 const LOAD: usize = 16;
 /// Rows that are loaded of an octet at most: four, and one more where it is steep.
-const MOST_ROWS: i64 = 5;
+const MAX_ROWS: i64 = 5;
 /// Cells whose octets are found at a time.
 pub(super) const CHUNK: usize = 32;
 
@@ -152,7 +152,7 @@ impl Lines {
         }
         let low = [xs[0].min(x_ends[0]), ys[0].min(y_ends[0])].map(i64::from);
         let high = [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])].map(i64::from);
-        let rows = ((high[1] >> 16) + MOST_ROWS).saturating_mul(plane.stride() as i64);
+        let rows = ((high[1] >> 16) + MAX_ROWS).saturating_mul(plane.stride() as i64);
         let furthest = rows.saturating_add(high[0] >> 16).saturating_add(2 * LOAD as i64);
         is_inside(plane, cells.filter, [low, high]) && furthest < i64::from(i32::MAX)
     }

@@ -15,7 +15,7 @@ const FORMATS: &str = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpe
                        gif,apng,dv,mxf,rm,yuv4mpegpipe";
 
 /// Lines that are kept of what a program says.
-const MOST_LINES: usize = 4;
+const MAX_LINES: usize = 4;
 /// Characters of a line that are kept.
 const LONGEST_LINE: usize = 200;
 
@@ -122,8 +122,8 @@ impl Heard {
             return;
         };
         self.errors += 1;
-        if self.lines.len() == MOST_LINES {
-            self.lines.remove(MOST_LINES / 2);
+        if self.lines.len() == MAX_LINES {
+            self.lines.remove(MAX_LINES / 2);
         }
         let plain = said.trim().chars().map(|c| if c.is_control() { ' ' } else { c });
         self.lines.push(plain.take(LONGEST_LINE).collect());

@@ -24,11 +24,11 @@ const PAST: usize = 120;
 /// Places that are remembered: three to a frame.
 const HISTORY: usize = 768;
 /// Places nearer in time than this are one (seconds): the last row of a frame and the first of the next, where reading takes it all.
-const LEAST_APART_S: f64 = 1e-4;
+const MIN_APART_S: f64 = 1e-4;
 /// Ticks ahead for which [`Tuning::first_error`] is the error that is expected at first.
 const FIRST: f64 = 6.0;
 /// Least length of a tick, seconds: frames that come faster are taken several at a time.
-const LEAST_TICK_S: f64 = 0.8 / 30.0;
+const MIN_TICK_S: f64 = 0.8 / 30.0;
 /// How far ahead surprise is measured, seconds.
 const SOON_S: f64 = 0.067;
 /// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
@@ -121,7 +121,7 @@ impl Forecast {
 
     /// The camera was at `place` at that time. Where something as late is known, that stays: errors are measured by what it expected.
     fn push(&mut self, time: f64, place: f64) {
-        if time > self.frame(0).time + LEAST_APART_S {
+        if time > self.frame(0).time + MIN_APART_S {
             self.newest = (self.newest + 1) % HISTORY;
             self.seen = (self.seen + 1).min(HISTORY);
             self.history[self.newest] = Sample { time, place, expected: [0.0; AHEAD], tick_s: 0.0 };
@@ -131,7 +131,7 @@ impl Forecast {
     /// The newest place was at `time`, and is known better now.
     fn revise(&mut self, time: f64, place: f64) {
         let newest = &mut self.history[self.newest];
-        if self.seen > 1 && (newest.time - time).abs() < LEAST_APART_S {
+        if self.seen > 1 && (newest.time - time).abs() < MIN_APART_S {
             newest.place = place;
         }
     }
@@ -177,7 +177,7 @@ impl Forecast {
         if before_s > 0.0 && (1.0 / OFF..OFF).contains(&(interval_s * self.frames / before_s)) {
             return;
         }
-        self.frames = (LEAST_TICK_S / interval_s).ceil().max(1.0);
+        self.frames = (MIN_TICK_S / interval_s).ceil().max(1.0);
         self.tick_s = self.frames * interval_s;
         let (before, longer) = (self.squares, self.tick_s / before_s);
         self.squares = std::array::from_fn(|j| {

@@ -10,10 +10,10 @@ use super::shown_size;
 use turbojpeg::{Colorspace, Decompressor, Image, PixelFormat, Subsamp, YuvImage};
 
 /// Progressive pictures may not have more scans than this; each costs a pass over the picture, however few its bytes.
-const MOST_SCANS: u32 = 64;
+const MAX_SCANS: u32 = 64;
 
 /// Pictures of another size than the stream's may have at most this many times its pixels.
-const MOST_TIMES_LARGER: usize = 4;
+const MAX_TIMES_LARGER: usize = 4;
 
 /// Rows above the last one that is there which chroma of the missing ones may have reached, where the decoder spreads chroma itself.
 const CHROMA_REACH: usize = 2;
@@ -82,7 +82,7 @@ impl Decoder {
             Some(turbo) => turbo,
             none => {
                 let mut turbo = Decompressor::new().map_err(damaged)?;
-                turbo.set_scan_limit(MOST_SCANS).map_err(damaged)?;
+                turbo.set_scan_limit(MAX_SCANS).map_err(damaged)?;
                 none.insert(turbo)
             }
         };
@@ -99,7 +99,7 @@ fn shape(turbo: &mut Decompressor, jpeg: &[u8], stream: (usize, usize)) -> Resul
     let header = turbo.read_header(jpeg).map_err(damaged)?;
     let size = (header.width, header.height);
     let shown = shown_size(size, stream);
-    if shown.0 * shown.1 > MOST_TIMES_LARGER * stream.0 * stream.1 {
+    if shown.0 * shown.1 > MAX_TIMES_LARGER * stream.0 * stream.1 {
         return Err(UnpackError::SizeMismatch { found: size, expected: stream });
     }
     if header.is_lossless {

@@ -12,7 +12,7 @@ use super::standard::HUFFMAN_TABLES;
 use memchr::memchr;
 
 /// Components that a frame header may have here: luma and two of chroma.
-const MOST_COMPONENTS: usize = 3;
+const MAX_COMPONENTS: usize = 3;
 
 /// A component's line in the frame header.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub(super) enum Field {
 pub(super) struct Header {
     /// Luma samples across and down.
     pub(super) size: (usize, usize),
-    components: [Component; MOST_COMPONENTS],
+    components: [Component; MAX_COMPONENTS],
     count: usize,
     /// Whether its scans are sequential: each has all of a block's frequencies.
     pub(super) sequential: bool,
@@ -364,10 +364,10 @@ fn frame_header(payload: &[u8]) -> Result<Header, UnpackError> {
     if precision != 8 {
         return Err(UnpackError::Unsupported { what: "of other than 8 bits a sample" });
     }
-    if count != 1 && count != MOST_COMPONENTS {
+    if count != 1 && count != MAX_COMPONENTS {
         return Err(UnpackError::Unsupported { what: "of other than one or three colour components" });
     }
-    let mut components = [Component::default(); MOST_COMPONENTS];
+    let mut components = [Component::default(); MAX_COMPONENTS];
     for (component, bytes) in components.iter_mut().zip(rest.as_chunks::<3>().0) {
         let factors = (usize::from(bytes[1] >> 4), usize::from(bytes[1] & 15));
         if !(1..=4).contains(&factors.0) || !(1..=4).contains(&factors.1) {

@@ -24,7 +24,7 @@ use decoder::{Decoder, Extent};
 use markers::{Field, Header};
 
 /// A header may exceed the stream's size by less than this, rows or columns: the picture is cropped. Encoders round up to whole blocks.
-const MOST_PADDING: usize = 16;
+const MAX_PADDING: usize = 16;
 
 /// The most that a picture grows when it is extracted: the standard tables, a colour transform, an end.
 const ROOM_FOR_HEADERS: usize = 1024;
@@ -33,7 +33,7 @@ const ROOM_FOR_HEADERS: usize = 1024;
 /// it is low.
 const WHOLE: u8 = 3;
 /// The balance goes up to this.
-const MOST_WHOLE: u8 = 16;
+const MAX_WHOLE: u8 = 16;
 /// A balance above this makes a cut picture an exception.
 const MOSTLY_WHOLE: u8 = 8;
 
@@ -151,7 +151,7 @@ impl Mjpeg {
     /// Sees to the rows that a decoded picture does not have, or refuses it.
     fn complete(&mut self, extent: Extent) -> Result<(), UnpackError> {
         let Extent::Rows(rows) = extent else {
-            self.balance = (self.balance + WHOLE).min(MOST_WHOLE);
+            self.balance = (self.balance + WHOLE).min(MAX_WHOLE);
             return Ok(());
         };
         let is_exception = self.balance > MOSTLY_WHOLE;
@@ -169,7 +169,7 @@ impl Mjpeg {
 
 /// The size in which a picture of size `found` is shown in a stream of size `expected`: one that is a little larger is cropped.
 fn shown_size(found: (usize, usize), expected: (usize, usize)) -> (usize, usize) {
-    let is_padded = |found: usize, expected: usize| (expected..expected + MOST_PADDING).contains(&found);
+    let is_padded = |found: usize, expected: usize| (expected..expected + MAX_PADDING).contains(&found);
     if is_padded(found.0, expected.0) && is_padded(found.1, expected.1) { expected } else { found }
 }
 

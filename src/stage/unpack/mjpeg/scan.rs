@@ -21,7 +21,7 @@ pub(super) enum Codes {
 }
 
 /// Bytes of any value before the end that are passed over; what is left of a picture that lost its way is more.
-const MOST_STRAY: usize = 16;
+const MAX_STRAY: usize = 16;
 
 /// Where bytes without meaning stand (from, to), in order.
 pub(super) type Strays = Vec<(usize, usize)>;
@@ -34,7 +34,7 @@ pub(super) fn follow(jpeg: &[u8], ended: bool, strays: &mut Strays) -> Codes {
     if !ended {
         // A buffer that is filled up with zeros behind the picture, or where it was cut: they are no codes, though they would be some.
         let content = jpeg[..end].iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1 + usize::from(jpeg[at] == 0xff));
-        if content + MOST_STRAY <= end {
+        if content + MAX_STRAY <= end {
             let codes = Follower::new(&jpeg[..content]).run(ended, strays);
             if codes != Codes::Broken {
                 strays.push((content, end));
@@ -400,5 +400,5 @@ fn scan_end(jpeg: &[u8], mut at: usize) -> usize {
 /// Whether bytes that stand behind a segment's codes can be passed over: those that fill up, of any number; before the end, a few others.
 fn are_meaningless(bytes: &[u8], before_end: bool) -> bool {
     let fill = bytes.iter().all(|byte| matches!(byte, 0x00 | 0xff));
-    fill || (before_end && bytes.len() <= MOST_STRAY)
+    fill || (before_end && bytes.len() <= MAX_STRAY)
 }
