@@ -5,7 +5,7 @@
 //! ```
 //!
 //! What is linked is what Cargo says: the normal dependencies of this machine's target, without build scripts, procedural macros and
-//! tests. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
+//! tests. Beside them there is the recording that `gimbald demo` shows. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
 //! libjpeg-turbo, which turbojpeg-sys contains, and Rust's standard library, whose notices Rust's own documentation has.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,6 +21,8 @@ const NAMES: [&str; 6] = ["license", "licence", "copying", "copyright", "notice"
 /// Code in another language inside a crate: the crate, what it is, its licence, the folder with its texts, and which those are.
 const BUNDLED: [(&str, &str, &str, &str, &[&str]); 1] =
     [("turbojpeg-sys", "libjpeg-turbo", "IJG AND BSD-3-Clause AND Zlib", "libjpeg-turbo", &["LICENSE.md", "README.ijg"])];
+/// The recording that `gimbald demo` shows: its name, its licence, and the file with its text.
+const RECORDING: (&str, &str, &str) = ("recording of gimbald demo", "MIT", "fixtures/LICENSE-car");
 const HEAD: &str = "Third-party software in gimbald\n\n\
     This software is based in part on the work of the Independent JPEG Group.\n\n\
     The program gimbald contains the following, under these licences. The texts follow, each with the names of those it belongs to.\n\
@@ -120,6 +122,9 @@ pub fn notices(crates: &[Linked]) -> anyhow::Result<String> {
     for (crate_name, what, ..) in BUNDLED {
         ensure!(list.contains(what), "{crate_name}, which contains {what}, is not among what is linked");
     }
+    let (what, licence, file) = RECORDING;
+    writeln!(list, "{what:40} {licence}")?;
+    texts.entry(read(&root().join(file))?).or_default().push(what.into());
     // In the order of the first that each belongs to.
     let mut texts: Vec<_> = texts.into_iter().map(|(text, owners)| (owners, text)).collect();
     texts.sort();

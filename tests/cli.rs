@@ -352,10 +352,20 @@ fn the_demo_leaves_its_files_and_measures_less_shake() {
     assert!(frames >= 30, "{frames} frames");
     let page = fs::read_to_string(scratch.file("report.html")).unwrap();
     assert!(page.contains("30 frames of 640x480") && page.contains("<figure id=player") && page.len() < 3_000_000);
-    let shake = said.split("shake ").nth(1).unwrap();
-    let mut numbers = shake.split([' ', ',']).filter_map(|word| word.parse::<f64>().ok());
-    let (before, after) = (numbers.next().unwrap(), numbers.next().unwrap());
-    assert!(before > 1.0 && after < 0.5 * before, "{said}");
+    let measured: Vec<f64> = said
+        .split("shake ")
+        .skip(1)
+        .flat_map(|rest| rest.split([' ', ',']).filter_map(|word| word.parse::<f64>().ok()).take(2).collect::<Vec<_>>())
+        .collect();
+    let [before, after, real_before, real_after] = measured[..] else { panic!("{said}") };
+    assert!(before > 1.0 && after < 0.5 * before && real_before > 1.0 && real_after < 0.5 * real_before, "{said}");
+    // The recording: as in fixtures/, shown six times in a row, with its licence.
+    assert_eq!(fs::read(scratch.file("real-input.gbr")).unwrap(), fs::read(CAR).unwrap());
+    assert_eq!(y4m(&fs::read(scratch.file("real-stabilized.y4m")).unwrap()), (400, 300, 24));
+    let video = fs::read(scratch.file("real-before-after.avi")).unwrap();
+    assert_eq!(video.windows(4).filter(|four| four == b"00dc").count(), 2 * 6 * 24, "each frame, and its entry in the index");
+    assert!(fs::read_to_string(scratch.file("real-report.html")).unwrap().contains("24 frames of 400x300"));
+    assert!(fs::read_to_string(scratch.file("real-LICENSE.txt")).unwrap().contains("Li Haipeng"));
 }
 
 #[test]

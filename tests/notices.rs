@@ -68,10 +68,12 @@ fn all_that_is_linked_is_named_with_its_text() {
         assert!(head.lines().any(|line| line.starts_with(name)), "{name} is not in the list");
         assert!(texts.lines().any(|line| line.split(", ").any(|owner| owner == name)), "{name} has no text");
     }
-    for name in ["libjpeg-turbo", "Independent JPEG Group", "COPYRIGHT-library.html"] {
+    for name in ["libjpeg-turbo", "Independent JPEG Group", "COPYRIGHT-library.html", "recording of gimbald demo"] {
         assert!(head.contains(name), "{name}");
     }
-    for name in ["The Modified (3-clause) BSD License", "Permission is hereby granted, free of charge", "Apache License"] {
+    for name in
+        ["Li Haipeng", "The Modified (3-clause) BSD License", "Permission is hereby granted, free of charge", "Apache License"]
+    {
         assert!(texts.contains(name), "{name}");
     }
     for name in ["bindgen ", "proptest ", "syn ", "cmake ", "clap_derive ", "gimbald "] {

@@ -50,7 +50,7 @@ fn what_demo_writes_is_for_its_owner_alone() {
     let output = gimbald(&["demo", "--dir", scratch.path().to_str().unwrap(), "--seconds", "0.2"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let files: Vec<_> = fs::read_dir(scratch.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
-    assert_eq!(files.len(), 4, "{files:?}");
+    assert_eq!(files.len(), 9, "{files:?}");
     for path in files {
         assert_eq!(mode(&path), 0o600, "{}", path.display());
     }

@@ -1,4 +1,7 @@
-//! `gimbald demo`: generates a shaky clip, stabilizes it and measures both.
+//! `gimbald demo`: stabilizes a generated clip and a recorded one, and measures before and after.
+
+mod paper;
+mod repeated;
 
 use std::fs;
 use std::io::{self, Write};
@@ -17,7 +20,7 @@ use crate::device::replay;
 use crate::device::synthetic::{self, Motion, Synthetic, View};
 use crate::device::video::MjpegSink;
 use crate::device::y4m::Y4mSink;
-use crate::device::{FrameSink, FrameSource, Lent};
+use crate::device::{FrameSink, FrameSource, Lent, private};
 use crate::frame::Frame;
 use crate::image::{Picture, PictureRef};
 use crate::pipeline::{Observer, run_inline};
@@ -25,6 +28,13 @@ use crate::report::{Compare, Report, compare_format};
 use crate::rt::stop::Stop;
 use crate::stage::shutter::Known;
 use crate::stage::unpack::Unpack;
+use repeated::Repeated;
+
+/// A phone behind a car's windscreen, 24 frames; see fixtures/README.md.
+const RECORDING: &[u8] = include_bytes!("../../fixtures/car-mjpeg-400x300.gbr");
+const RECORDING_LICENSE: &str = include_str!("../../fixtures/LICENSE-car");
+/// The recording lasts .8 s: its video shows it so many times.
+const TIMES: u32 = 6;
 
 /// Arguments of `demo`.
 #[derive(Clone, Debug, clap::Args)]
@@ -38,6 +48,9 @@ pub struct Args {
     /// Camera motion: handheld, walk, desk, horizontal, vertical, pan or still
     #[arg(long, value_name = "MOTION", default_value = "handheld")]
     motion: Motion,
+    /// Instead repeat the experiments of the paper that gimbald is based on: writes a page with its figures and claims beside what is measured
+    #[arg(long, conflicts_with_all = ["seconds", "motion", "config", "set"])]
+    paper: bool,
     /// Settings of the stabilization; readout time and field of view are those of the clip unless set
     #[command(flatten)]
     settings: SettingsArgs,
@@ -48,22 +61,24 @@ pub struct Args {
 /// # Errors
 /// Errors in the settings, and where the directory or its files cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut settings = args.settings.read()?;
     let stop = stop_on_signal(None)?;
+    if args.paper {
+        return paper::run(&args.dir, &stop);
+    }
+    let mut settings = args.settings.read()?;
     fs::create_dir_all(&args.dir).map_err(|error| Failure::creating(&args.dir, &error))?;
-    let file = |name: &str| args.dir.join(name);
-    let files = Files {
-        input: file("input.y4m"),
-        output: file("stabilized.y4m"),
-        beside: file("before-after.avi"),
-        report: file("report.html"),
-    };
+    let generated = Files::in_directory(&args.dir, "", "input.y4m");
+    let recorded = Files::in_directory(&args.dir, "real-", "input.gbr");
 
     let camera = synthetic::Params::default();
     let frames = (args.seconds.min(60.0) * camera.fps).round().max(2.0) as u64;
     let camera = synthetic::Params { motion: args.motion, view: View::Room, frames, ..camera };
-    film(&camera, &files.input, &stop)?;
+    film(&camera, &generated.input, &stop)?;
+    write(&recorded.input, RECORDING)?;
+    write(&args.dir.join("real-LICENSE.txt"), RECORDING_LICENSE.as_bytes())?;
 
+    // Of the recording, gimbald has to estimate them.
+    let recorded_shake = both(&settings, &recorded, TIMES, &stop)?;
     let known = &mut settings.pipeline.camera;
     for (setting, truth) in
         [(&mut known.readout_ms, camera.readout_ms), (&mut known.hfov_deg, camera.hfov_deg), (&mut known.lens_k1, 0.0)]
@@ -72,20 +87,46 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             *setting = Known::Exactly(truth);
         }
     }
-    let before = stabilize(&settings, &files, &stop)?;
-    let after = measure(&settings.pipeline, &files.output, &stop)?;
+    let generated_shake = both(&settings, &generated, 1, &stop)?;
     if stop.is_set() {
         return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} is incomplete", args.dir.display())));
     }
-    told(tell(&files, &before, &after))
+    told(tell(&[
+        ("generated clip: a drawn room", &generated, generated_shake),
+        ("recorded clip: a phone in a car", &recorded, recorded_shake),
+    ]))
 }
 
-/// What the demo leaves behind.
+/// The files of a clip.
 struct Files {
     input: PathBuf,
     output: PathBuf,
     beside: PathBuf,
     report: PathBuf,
+}
+
+impl Files {
+    /// Files in `directory` whose names begin with `prefix`.
+    fn in_directory(directory: &Path, prefix: &str, input: &str) -> Self {
+        let file = |name: &str| directory.join(format!("{prefix}{name}"));
+        Self {
+            input: file(input),
+            output: file("stabilized.y4m"),
+            beside: file("before-after.avi"),
+            report: file("report.html"),
+        }
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut file = private::create(path).map_err(|error| Failure::creating(path, &error))?;
+    file.write_all(bytes).map_err(|error| Failure::writing(path, &error))
+}
+
+/// Stabilizes a clip; gives back how it shakes before and after.
+fn both(settings: &Settings, files: &Files, times: u32, stop: &Stop) -> Result<[Shake; 2], Failure> {
+    let before = stabilize(settings, files, times, stop)?;
+    Ok([before, measure(&settings.pipeline, &files.output, stop)?])
 }
 
 /// Writes the synthetic camera's clip.
@@ -107,12 +148,12 @@ fn film(camera: &synthetic::Params, path: &Path, stop: &Stop) -> Result<(), Fail
     Ok(sink.finish()?)
 }
 
-/// Stabilizes the clip; writes the video, the side-by-side video and the page. Gives back how the input shook.
-fn stabilize(settings: &Settings, files: &Files, stop: &Stop) -> Result<Shake, Failure> {
+/// Stabilizes the clip; writes the video, the side-by-side video that shows it `times` times, and the page. Gives back how the input shook.
+fn stabilize(settings: &Settings, files: &Files, times: u32, stop: &Stop) -> Result<Shake, Failure> {
     let mut source = replay::open(&files.input)?;
     let format = source.format();
     let mut sink = Y4mSink::create(&files.output, &format)?;
-    let beside = MjpegSink::create(&files.beside, &compare_format(&format))?;
+    let beside = Repeated::new(MjpegSink::create(&files.beside, &compare_format(&format))?, times);
     let mut watch = Watch::new("stabilizing", source.frames(), stop.clone());
     watch.compare = Some(Compare::new(Box::new(beside), stop.clone()));
     let report = Report::new(settings, &format, &files.input.to_string_lossy());
@@ -136,22 +177,28 @@ impl Observer for (Watch, Shake) {
 }
 
 /// Says where everything is and what came of it.
-fn tell(files: &Files, before: &Shake, after: &Shake) -> io::Result<()> {
+fn tell(clips: &[(&str, &Files, [Shake; 2])]) -> io::Result<()> {
     let mut out = io::stdout().lock();
-    for (path, what) in [
-        (&files.beside, "before and after, side by side: plays in every video player"),
-        (&files.report, "the same in a browser, with a player and plots"),
-        (&files.input, "the shaky clip, uncompressed (mpv, VLC or ffplay)"),
-        (&files.output, "the stabilized clip, likewise"),
-    ] {
-        writeln!(out, "{:<28} {what}", path.display().to_string())?;
+    let paths = clips.iter().flat_map(|(_, files, _)| [&files.beside, &files.report, &files.input, &files.output]);
+    let width = paths.map(|path| path.display().to_string().len()).max().unwrap_or(0);
+    for (name, files, [before, after]) in clips {
+        writeln!(out, "{name}")?;
+        for (path, what) in [
+            (&files.beside, "before and after, side by side: plays in every video player"),
+            (&files.report, "the same in a browser, with a player and plots"),
+            (&files.input, "the shaky clip (gimbald view; .y4m also in mpv, VLC or ffplay)"),
+            (&files.output, "the stabilized clip, uncompressed"),
+        ] {
+            writeln!(out, "  {:<width$}  {what}", path.display().to_string())?;
+        }
+        writeln!(
+            out,
+            "  measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (RMS change from frame to frame)",
+            before.centre_px(),
+            after.centre_px(),
+            before.slant_deg(),
+            after.slant_deg()
+        )?;
     }
-    writeln!(
-        out,
-        "measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (RMS change from frame to frame)",
-        before.centre_px(),
-        after.centre_px(),
-        before.slant_deg(),
-        after.slant_deg()
-    )
+    Ok(())
 }

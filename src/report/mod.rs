@@ -5,13 +5,15 @@ mod histogram;
 mod html;
 mod names;
 mod pair;
+mod patterns;
 mod stats;
 mod trace;
 
 pub use compare::{Compare, compare_format};
 pub use histogram::Histogram;
-pub use html::{DaemonReport, Report};
+pub use html::{Both, DaemonReport, Paper, Report};
 pub use names::{Axis, MotionNames, outcome_name};
 pub use pair::{EncodedPair, PairEncoder};
+pub use patterns::{PatternFrame, PatternWatch, Shape};
 pub use stats::Stats;
 pub use trace::Trace;

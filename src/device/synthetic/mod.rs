@@ -5,6 +5,7 @@
 
 mod motion;
 mod optics;
+mod patterns;
 mod random;
 mod room;
 mod scene;
@@ -73,13 +74,15 @@ pub enum View {
     Wall,
     /// A drawn room with a person, for people to look at.
     Room,
+    /// Printed rectangles, upright and of one size: what the paper's experiments look at.
+    Patterns,
 }
 
 /// Normally distributed numbers, drawn once; a power of two.
 const NOISES: usize = 1 << 15;
 
 /// The camera. Gives planar 4:2:0, limited range, chroma in the midst of its four luma samples.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Synthetic {
     params: Params,
     format: StreamFormat,
@@ -93,7 +96,7 @@ pub struct Synthetic {
 }
 
 /// Memory for one row: where in the texture its pixels look, and what they see there.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Row {
     x: Vec<f32>,
     y: Vec<f32>,
@@ -136,6 +139,7 @@ impl Synthetic {
             scene: match p.view {
                 View::Wall => Scene::new(p.seed),
                 View::Room => Scene::room(p.width, p.seed),
+                View::Patterns => Scene::patterns(p.width, p.seed),
             },
             noises: (0..noises).map(|_| (random.normal() * p.noise) as f32).collect(),
             next: 0,

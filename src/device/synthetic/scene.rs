@@ -1,11 +1,12 @@
-//! What the synthetic camera looks at: a far, painted wall, made up from a seed, or a drawn room ([`super::room`]).
+//! What the synthetic camera looks at: a far, painted wall, made up from a seed, a drawn room ([`super::room`]), or printed rectangles
+//! ([`super::patterns`]).
 //!
 //! The wall: clouds of several sizes, and on them thousands of rectangles and discs in all sizes, most of them upright, so that there are
 //! corners wherever and from however far one looks. Edges are softened over about two texels, so that the wall may be sampled at a
 //! fraction of a texel.
 
 use super::random::{Random, mix};
-use super::room;
+use super::{patterns, room};
 
 /// Luma texels in a row.
 const WIDTH: usize = 2048;
@@ -56,13 +57,20 @@ impl Scene {
 
     /// Draws the room for a camera of `width` pixels.
     pub(super) fn room(width: u32, seed: u64) -> Self {
-        let mut painter =
-            Painter([WIDTH, WIDTH / 2, WIDTH / 2].map(|width| Canvas::clouds(width, width / 4 * 3, seed, &[], 128.0)));
+        let mut painter = Painter::new(seed);
         room::draw(&mut painter, width, seed);
         let [mut luma, u, v] = painter.0;
         // Nothing real is of one tone.
         luma.add_clouds(seed, 180.0, 5.0);
         luma.add_clouds(seed ^ 1, 7.0, 3.0);
+        Self { luma: luma.finish(), chroma: [u.finish(), v.finish()] }
+    }
+
+    /// Draws the printed rectangles for a camera of `width` pixels.
+    pub(super) fn patterns(width: u32, seed: u64) -> Self {
+        let mut painter = Painter::new(seed);
+        patterns::draw(&mut painter, width, seed);
+        let [luma, u, v] = painter.0;
         Self { luma: luma.finish(), chroma: [u.finish(), v.finish()] }
     }
 }
@@ -71,6 +79,10 @@ impl Scene {
 pub(super) struct Painter([Canvas; 3]);
 
 impl Painter {
+    fn new(seed: u64) -> Self {
+        Self([WIDTH, WIDTH / 2, WIDTH / 2].map(|width| Canvas::clouds(width, width / 4 * 3, seed, &[], 128.0)))
+    }
+
     /// The middle, in luma texels.
     pub(super) fn middle(&self) -> [f64; 2] {
         Scene::CENTRE

@@ -5,6 +5,7 @@ mod clip;
 mod daemon;
 mod inside;
 mod page;
+mod paper;
 mod picture;
 mod plot;
 mod sections;
@@ -24,6 +25,7 @@ use inside::Inside;
 use stills::Stills;
 
 pub use daemon::DaemonReport;
+pub use paper::{Both, Paper};
 
 /// Bytes of a page, at most, unless plots and still pictures alone need more.
 pub const MAX_BYTES: usize = 3_000_000;

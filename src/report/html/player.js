@@ -16,6 +16,9 @@
     const [low, high, top, bottom] = (svg.dataset.value || "").split(" ").map(Number);
     const cursor = document.createElementNS(svg.namespaceURI, "line");
     cursor.setAttribute("class", "cursor");
+    // Outside until a time is pointed at.
+    cursor.setAttribute("x1", -9);
+    cursor.setAttribute("x2", -9);
     cursor.setAttribute("y1", 0);
     cursor.setAttribute("y2", svg.viewBox.baseVal.height);
     svg.append(cursor);

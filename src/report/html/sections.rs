@@ -37,17 +37,43 @@ pub(super) fn fact(html: &mut String, name: &str, value: &str, note: &str) {
     let _ = writeln!(html, "<div><dt>{name}</dt><dd>{value}</dd><small>{note}</small></div>");
 }
 
-/// How much of the shake is left, for each parameter of the model.
-pub(super) fn remaining_shake(html: &mut String, journal: &Journal) {
-    for (axis, names) in journal.names.axes.iter().enumerate() {
-        let [before, after] = [|s: &Sample| s.motion, |s: &Sample| s.steadied].map(|of| jerkiness(journal, axis, of));
-        if before > 0.0 && after.is_finite() {
-            let note = format!("{} to {} {}", number(before), number(after), names.unit);
-            // A letter says nothing by itself; a word says more than a phrase.
-            let name = if names.name.len() > 1 { names.name } else { names.meaning };
-            fact(html, &format!("remaining shake, {name}"), &format!("{:.0} %", 100.0 * after / before), &note);
-        }
+/// How much a parameter changes from frame to frame (root mean square), in the camera's motion and in the output's.
+pub(super) struct Change {
+    /// A word for the parameter.
+    pub(super) name: &'static str,
+    unit: &'static str,
+    before: f64,
+    after: f64,
+}
+
+impl Change {
+    /// The share that is left in the output.
+    pub(super) fn left(&self) -> f64 {
+        self.after / self.before
     }
+}
+
+/// The changes of the parameters that change.
+pub(super) fn changes(journal: &Journal) -> impl Iterator<Item = Change> {
+    journal.names.axes.iter().enumerate().filter_map(|(axis, names)| {
+        let [before, after] = jerkinesses(journal, axis);
+        // A letter says nothing by itself; a word says more than a phrase.
+        let name = if names.name.len() > 1 { names.name } else { names.meaning };
+        (before > 0.0 && after.is_finite()).then_some(Change { name, unit: names.unit, before, after })
+    })
+}
+
+/// The same as numbers in boxes.
+pub(super) fn remaining_shake(html: &mut String, journal: &Journal) {
+    for change in changes(journal) {
+        let note = format!("{} to {} {}", number(change.before), number(change.after), change.unit);
+        fact(html, &format!("remaining shake, {}", change.name), &format!("{:.0} %", 100.0 * change.left()), &note);
+    }
+}
+
+/// The change of a parameter from frame to frame, of the camera and of the output.
+fn jerkinesses(journal: &Journal, axis: usize) -> [f64; 2] {
+    [|s: &Sample| s.motion, |s: &Sample| s.steadied].map(|of| jerkiness(journal, axis, of))
 }
 
 /// The plots of the paper's Fig. 12.
@@ -62,9 +88,14 @@ pub(super) fn motion(html: &mut String, journal: &Journal, times: &[f64]) {
          the output. The number is the root mean square of its change from one frame to the next, which is what the eye sees as \
          shake.</p>\n",
     );
+    motion_plots(html, journal, times);
+}
+
+/// The same without heading and explanation.
+pub(super) fn motion_plots(html: &mut String, journal: &Journal, times: &[f64]) {
     for (axis, names) in journal.names.axes.iter().enumerate() {
         let series = [("camera, T", "before", (|s: &Sample| s.motion) as Of), ("output, Tˢ", "after", |s: &Sample| s.steadied)];
-        let [before, after] = [series[0].2, series[1].2].map(|of| jerkiness(journal, axis, of));
+        let [before, after] = jerkinesses(journal, axis);
         let plot = Plot {
             title: format!("{}: {}", names.name, names.meaning),
             note: format!("{} → {} {}", number(before), number(after), names.unit),

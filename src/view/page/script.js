@@ -44,7 +44,8 @@ const draw = () => {
   const [width, height] = last.size, edge = Math.round(wipe * width);
   if (canvas.width !== width || canvas.height !== height) {
     [canvas.width, canvas.height] = [width, height];
-    stage.style.maxWidth = `calc(76vh * ${width / height})`;
+    // A small picture is enlarged twice at most: beyond that it is only less sharp.
+    stage.style.maxWidth = `min(${Math.max(2 * width, 480)}px, calc(76vh * ${width / height}))`;
   }
   brush.drawImage(pair, 0, 0, width, height, 0, 0, width, height);
   if (edge > 0) brush.drawImage(pair, 0, height, edge, height, 0, 0, edge, height);

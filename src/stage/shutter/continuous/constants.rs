@@ -5,7 +5,7 @@ use super::batch::Said;
 use super::flow::Flow;
 use super::globals::Globals;
 use super::normal::G;
-use super::{Agreement, Continuous, LEAST_WEIGHT, dot};
+use super::{Continuous, LEAST_WEIGHT, dot};
 use crate::geometry::{Calibration, Pinhole, Pose, hypot};
 
 /// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals).
@@ -38,10 +38,15 @@ const LOOK_DOUBT: f64 = 1.5;
 /// Seconds for which all pairs are asked of the constants, and which are later.
 const ASKED_ALL_S: f64 = 10.0;
 const ASKED_EVERY: u32 = 3;
-/// Part of its distance to what was found that the readout time goes at a time.
+/// Furthest that the readout time is moved at a time (frame intervals).
+const READOUT_STEP: f64 = 0.05;
+/// Part of its distance to what is believed that the readout time by which the rows are drawn goes at a time: a new belief does not move the
+/// picture at once.
 const GLIDE: f64 = 0.05;
 /// How far off it the readout time must be for its search to restart (frame intervals).
 const FAR: f64 = 0.25;
+/// Seconds of the path whose mean stays where it is when the constants change.
+pub(super) const ANCHOR_S: f64 = 1.0;
 /// Fields of view that a camera may have (degrees): an estimate stays between.
 pub const HFOV_LIMITS_DEG: [f64; 2] = [45.0, 110.0];
 /// Distance from them at which one counts as there.
@@ -65,6 +70,7 @@ impl Continuous {
             lens_k1: k1,
             lens_k1_deviation: k1_deviation,
         };
+        self.drawn_s = readout_s;
         self.filter.forget_globals();
         self.filter.forget_flow(Flow::new(self.camera.focal, 0.5 * self.size[0] as f64, readout_deviation > 0.0));
         self.globals = Globals::new([readout_deviation, log_focal, k1_deviation]);
@@ -90,14 +96,28 @@ impl Continuous {
 
     /// The readout time is far from what was believed: `readout_s` is believed instead, and what it rested on forgotten.
     fn restart_search(&mut self, readout_s: f64) {
+        let spread = READOUT_SPREAD * self.interval_s;
         self.calibration.readout_s = readout_s;
-        self.calibration.readout_deviation_s = READOUT_SPREAD * self.interval_s;
+        self.calibration.readout_deviation_s = spread;
         let log_focal = if self.unknown[1] { HFOV_SPREAD_DEG / self.degrees_per_log_focal() } else { 0.0 };
         let k1 = if self.unknown[2] { LENS_SPREAD } else { 0.0 };
-        self.globals = Globals::new([READOUT_SPREAD * self.interval_s, log_focal, k1]);
+        self.globals = Globals::new([spread, log_focal, k1]);
         self.filter.forget_globals();
-        self.agreement = Agreement::default();
         self.restarting = true;
+    }
+
+    /// All that the camera ever turned is in the path, as an angle; the tracks measured it in pixels, and with another focal length or lens they
+    /// say another angle. On a long pan a change of a thousandth would move the path by more than the camera moves from frame to frame. Where the path
+    /// begins is free to choose: it is moved so that the place about which the camera is held, its mean, stays where it is.
+    pub(super) fn follow_anchor(&mut self, reference_s: f64, interval_s: f64) {
+        if self.unknown == [false; G] {
+            return;
+        }
+        let news = 1.0 - (-interval_s / ANCHOR_S).exp();
+        let now = self.filter.sensitivity(reference_s);
+        for (mean, now) in self.anchor.as_flattened_mut().iter_mut().zip(now.as_flattened()) {
+            *mean += news * (now - *mean);
+        }
     }
 
     /// Takes over what the last pair said of the camera, and starts from there.
@@ -117,8 +137,8 @@ impl Continuous {
         if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
             return self.restart_search(0.5 * (least_s + most_s));
         }
-        // the rows are drawn by it, so it glides
-        let to_readout_s = readout_s + GLIDE * ((readout_s + readout).clamp(least_s, most_s) - readout_s);
+        let step = readout.clamp(-READOUT_STEP * interval_s, READOUT_STEP * interval_s);
+        let to_readout_s = (readout_s + step).clamp(least_s, most_s);
         let to_focal = (self.camera.focal * log_focal.clamp(-0.05, 0.05).exp())
             .clamp(focal(HFOV_LIMITS_DEG[1]), focal(HFOV_LIMITS_DEG[0]));
         let shift = [
@@ -131,7 +151,8 @@ impl Continuous {
         self.calibration.hfov_deg = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
         self.calibration.lens_k1 += shift[2];
         self.camera = self.camera.with_lens(self.calibration.lens_k1, self.size[0]);
-        self.filter.move_globals(shift);
+        let offset = std::array::from_fn(|c| -(0..G).map(|g| shift[g] * self.anchor[g][c]).sum::<f64>());
+        self.filter.move_globals(shift, &offset);
         self.globals.moved(shift, &marginal);
         self.state_deviations([readout, log_focal, lens], shift);
     }
@@ -158,6 +179,13 @@ impl Continuous {
         if unknown[2] {
             found.lens_k1_deviation = at_limit(lens, found.lens_k1.abs() >= LENS_LIMIT, LENS_SPREAD);
         }
+    }
+
+    /// The rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures carry it.
+    pub(super) fn glide(&mut self) {
+        let believed_s = self.calibration.readout_s;
+        let goal_s = if self.unknown[0] { self.slope.drawn(believed_s) } else { believed_s };
+        self.drawn_s += GLIDE * (goal_s - self.drawn_s);
     }
 
     /// Whether the last pair is asked of the constants: at first each is, later some are, which says as much and costs less.

@@ -389,8 +389,7 @@ impl Filter {
             for (time, sign) in [(sooner_s, -1.0), (later_s, 1.0)] {
                 let Place { first, weights, .. } = self.place(time);
                 for (i, weight) in weights.into_iter().enumerate() {
-                    let point = (first + i as i64 - self.first).clamp(0, self.points as i64 - 1) as usize;
-                    function[FLOWS + 4 * point + c] += sign * weight;
+                    function[FLOWS + 4 * self.held_point(first + i as i64) + c] += sign * weight;
                 }
             }
             self.solution.variance(&mut function[..n]).sqrt()
@@ -402,9 +401,27 @@ impl Filter {
         self.solution.marginal
     }
 
-    /// Moves the globals' origin by `shift`. To follow [`Filter::accept`].
-    pub fn move_globals(&mut self, shift: [f64; G]) {
-        self.base.shift_globals(shift, self.unknowns());
+    /// How the pose at a moment depends on the globals, after [`Filter::solve`] and before [`Filter::accept`].
+    pub fn sensitivity(&self, time_s: f64) -> [Pose; G] {
+        let Place { first, weights, .. } = self.place(time_s);
+        let points: [usize; 4] = std::array::from_fn(|i| FLOWS + 4 * self.held_point(first + i as i64));
+        self.solution
+            .sensitivity(points[0])
+            .map(|x| std::array::from_fn(|c| points.iter().zip(weights).map(|(point, weight)| weight * x[point + c]).sum()))
+    }
+
+    /// Moves the globals' origin by `shift` and the whole path by `offset`. To follow [`Filter::accept`].
+    pub fn move_globals(&mut self, shift: [f64; G], offset: &Pose) {
+        let n = self.unknowns();
+        self.base.shift_globals(shift, n);
+        if offset.iter().all(|value| value.is_finite()) {
+            self.base.offset(FLOWS, n, offset);
+        }
+    }
+
+    /// Where among the control points held point `number` is, or the nearest to it.
+    fn held_point(&self, number: i64) -> usize {
+        (number - self.first).clamp(0, self.points as i64 - 1) as usize
     }
 
     /// Forgets whatever was said of the globals.

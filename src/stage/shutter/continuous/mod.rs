@@ -111,6 +111,10 @@ pub struct Continuous {
     unevenness: Unevenness,
     agreement: Agreement,
     slope: Slope,
+    /// The readout time that the rows are drawn by, seconds: it glides to what is believed.
+    drawn_s: f64,
+    /// How the path's mean over [`constants::ANCHOR_S`] depends on the globals.
+    anchor: [Pose; G],
     /// Pairs seen since the stream began.
     pairs: u32,
     /// How recently nothing was believed, 1 (the frame before) to 0.
@@ -147,6 +151,8 @@ impl Continuous {
             unevenness: Unevenness::default(),
             agreement: Agreement::default(),
             slope: Slope::default(),
+            drawn_s: 0.0,
+            anchor: [[0.0; 4]; G],
             pairs: 0,
             wary: 0.0,
             usual: 0.0,
@@ -175,6 +181,8 @@ impl Continuous {
         self.unevenness = Unevenness::default();
         self.agreement = Agreement::default();
         self.slope = Slope::default();
+        self.drawn_s = 0.0;
+        self.anchor = [[0.0; 4]; G];
         self.restarting = false;
         (self.wary, self.usual, self.pairs) = (0.0, 0.0, 0);
         self.newest = Motion {
@@ -209,11 +217,9 @@ impl Continuous {
         RowMotion::Poses { camera: self.camera, rows: RowPoses { samples, spacing } }
     }
 
-    /// Takes in what a pair of frames showed.
-    pub fn observe(&mut self, pair: Pair<'_>) {
-        let before_s = self.now_s;
-        self.now_s += pair.interval_s;
-        self.pairs = self.pairs.wrapping_add(1);
+    /// Gives the path control points for a pair that began at `before_s`, as far as its rows are to be drawn; restarts the path where the
+    /// interval changed or the rows were timed by a readout that was far off. Gives the time of the newest frame's last row.
+    fn extend(&mut self, before_s: f64, pair: &Pair<'_>) -> f64 {
         let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
         let restarting = std::mem::take(&mut self.restarting);
@@ -223,16 +229,26 @@ impl Continuous {
         }
         self.interval_s = pair.interval_s;
         self.timed = pair.is_certain.then_some(pair.off_s / pair.interval_s);
-        let last_s = self.now_s + self.calibration.readout_s.abs();
-        if restarted || !self.filter.extend_to(last_s) {
-            let spacing = wanted.max((pair.interval_s + 2.0 * self.calibration.readout_s.abs()) / (MOST_POINTS - 8) as f64);
+        let longest_s = self.calibration.readout_s.abs().max(self.drawn_s.abs());
+        let drawn_to_s = self.now_s + self.middle() + 0.5 * longest_s;
+        if restarted || !self.filter.extend_to(drawn_to_s) {
+            let spacing = wanted.max((pair.interval_s + 2.0 * longest_s) / (MOST_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
             if restarting {
                 self.filter.forget_globals();
             }
-            self.filter.extend_to(last_s);
+            self.filter.extend_to(drawn_to_s);
             self.filter.pin(before_s + self.middle(), self.newest.path);
         }
+        self.now_s + self.calibration.readout_s.abs()
+    }
+
+    /// Takes in what a pair of frames showed.
+    pub fn observe(&mut self, pair: Pair<'_>) {
+        let before_s = self.now_s;
+        self.now_s += pair.interval_s;
+        self.pairs = self.pairs.wrapping_add(1);
+        let last_s = self.extend(before_s, &pair);
         self.filter.drift(pair.interval_s);
         let confidence = self.estimate(pair.tracks, before_s);
         if confidence == 0.0 {
@@ -251,7 +267,9 @@ impl Continuous {
         }
         let reference_s = self.now_s + self.middle();
         let path = self.filter.pose(reference_s);
-        let rows = self.rows(|y| subtract(self.filter.pose(self.now_s + self.delay(y)), path));
+        let by_row_s = self.drawn_s / self.size[1] as f64;
+        let middle_row = 0.5 * self.size[1] as f64;
+        let rows = self.rows(|y| subtract(self.filter.pose(reference_s + by_row_s * (y - middle_row)), path));
         let ends = Ends {
             first: self.filter.pose(self.now_s),
             last: self.filter.pose(last_s),
@@ -260,9 +278,12 @@ impl Continuous {
             interval_s: pair.interval_s,
         };
         let motion = subtract(path, self.newest.path);
-        self.newest = Motion { rows, motion, path, ends, confidence, rows_part: self.agreement.part() };
+        let rows_part = self.agreement.part();
+        self.newest = Motion { rows, motion, path, ends, confidence, rows_part };
+        self.follow_anchor(reference_s, pair.interval_s);
         self.filter.accept(self.now_s);
         self.follow_camera();
+        self.glide();
     }
 
     /// Asks the pictures whether the rows moved as the path says.

@@ -38,6 +38,9 @@ pub struct Solution {
     /// Cholesky factor of A, lower, rows N apart.
     factor: Box<[f64]>,
     level: Level,
+    /// L^-1 C' for the factor L, and how many unknowns there were.
+    border: Box<[[f64; N]; G]>,
+    solved: usize,
     /// x, with the globals at their origin.
     pub path: Box<[f64; N]>,
     /// What the equations say of the globals once the path is eliminated.
@@ -164,6 +167,27 @@ impl Normal {
         }
     }
 
+    /// Adds `offset` to the value of every unknown from `from` to `n`, in the four channels that take turns: what is said of them stays as it
+    /// is, of unknowns that are as much further on.
+    pub fn offset(&mut self, from: usize, n: usize, offset: &[f64; 4]) {
+        for i in 0..n {
+            let row = &self.matrix[i * N..=i * N + i];
+            let own = offset[i.wrapping_sub(from) % 4];
+            // the lower triangle is also the upper one's, each entry but the diagonal's twice
+            for (j, entry) in row.iter().enumerate().skip(from) {
+                self.right[i] += entry * offset[(j - from) % 4];
+            }
+            if i >= from {
+                for (j, entry) in row[..i].iter().enumerate() {
+                    self.right[j] += entry * own;
+                }
+            }
+        }
+        for (cross, right) in self.cross.iter().zip(&mut self.corner_right) {
+            *right += cross[from..n].iter().enumerate().map(|(i, cross)| cross * offset[i % 4]).sum::<f64>();
+        }
+    }
+
     /// Moves the origin of the globals to `origin`: what was `origin` is 0 from now on.
     pub fn shift_globals(&mut self, origin: [f64; G], n: usize) {
         for (g, origin) in origin.into_iter().enumerate() {
@@ -181,7 +205,8 @@ impl Solution {
     /// All zero.
     pub fn new() -> Self {
         let factor = vec![0.0; N * N].into_boxed_slice();
-        Self { factor, level: Level::detected(), path: Box::new([0.0; N]), marginal: Marginal::default() }
+        let (border, path) = (Box::new([[0.0; N]; G]), Box::new([0.0; N]));
+        Self { factor, level: Level::detected(), border, solved: 0, path, marginal: Marginal::default() }
     }
 
     /// Solves the first `n` unknowns. False where the equations have no solution; the solution is then what it was.
@@ -212,8 +237,22 @@ impl Solution {
         if finite {
             self.path[..n].copy_from_slice(&x[..n]);
             self.marginal = marginal;
+            *self.border = w;
+            self.solved = n;
         }
         finite
+    }
+
+    /// How the unknowns from `from` to the last change with each global.
+    pub fn sensitivity(&self, from: usize) -> [[f64; N]; G] {
+        std::array::from_fn(|g| {
+            let mut x = [0.0; N];
+            let rest = &mut x[from..self.solved];
+            rest.copy_from_slice(&self.border[g][from..self.solved]);
+            dense::backward(self.level, &self.factor[from * N + from..], rest, N);
+            rest.iter_mut().for_each(|value| *value = -*value);
+            x
+        })
     }
 
     /// The variance of a linear function of the path, were the globals known.
@@ -239,6 +278,38 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_offset_moves_the_solution_and_nothing_else() {
+        let (n, from, offset) = (24, 8, [0.7, -0.2, 0.1, 0.4]);
+        let mut normal = system(n, 13);
+        let (mut before, mut after) = (Solution::new(), Solution::new());
+        assert!(before.solve(&normal, n));
+        normal.offset(from, n, &offset);
+        assert!(after.solve(&normal, n));
+        for i in 0..n {
+            let moved = if i < from { 0.0 } else { offset[(i - from) % 4] };
+            assert!((after.path[i] - before.path[i] - moved).abs() < 1e-9, "{i}");
+        }
+        for g in 0..G {
+            assert!((after.marginal.right[g] - before.marginal.right[g]).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn the_sensitivity_is_what_a_shift_of_the_globals_does() {
+        let (n, from, shift) = (20, 12, [0.3, -0.1, 0.2]);
+        let mut normal = system(n, 17);
+        let (mut before, mut after) = (Solution::new(), Solution::new());
+        assert!(before.solve(&normal, n));
+        let sensitivity = before.sensitivity(from);
+        normal.shift_globals(shift, n);
+        assert!(after.solve(&normal, n));
+        for i in from..n {
+            let moved: f64 = (0..G).map(|g| shift[g] * sensitivity[g][i]).sum();
+            assert!((after.path[i] - before.path[i] - moved).abs() < 1e-9, "{i}");
+        }
+    }
 
     /// A random positive definite system of n + G unknowns, as equations.
     fn system(n: usize, seed: u64) -> Normal {

@@ -84,6 +84,18 @@ impl Slope {
     }
 }
 
+impl Slope {
+    /// The part of a readout time of `readout_s` by which the rows are to be drawn: at most what the slopes over the rows followed the changes
+    /// of the turn so far. What leans and stretches the picture without following them is not the rows' motion; and as a homography could do
+    /// it as well, no comparison within a pair of frames sees it.
+    pub fn drawn(&self, readout_s: f64) -> f64 {
+        self.readout().map_or(readout_s, |(found, deviation)| {
+            let most = readout_s.signum() * found + deviation / CAUTION;
+            most.clamp(0.0, readout_s.abs()).copysign(readout_s)
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,6 +117,24 @@ mod tests {
             let (found, deviation) = (found / interval, deviation / interval);
             assert!((found - readout).abs() < 0.05 * readout.abs(), "{readout}: {found}");
             assert!(deviation < 0.1);
+        }
+    }
+
+    #[test]
+    fn rows_are_drawn_as_far_as_they_follow_the_turn() {
+        let (interval, least) = (1.0 / 30.0, 1e-5);
+        for (readout, believed, wanted) in
+            [(0.8, 0.8, 0.8), (0.2, 0.8, 0.2), (0.0, 0.7, 0.0), (-0.6, -0.6, -0.6), (-0.6, 0.6, 0.0)]
+        {
+            let mut slope = Slope::default();
+            assert_eq!(slope.drawn(believed * interval), believed * interval, "nothing was seen");
+            for k in 0..90 {
+                let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
+                let lean = readout * 0.5 * (turn(k + 1) - turn(k - 1)) + 1e-4 * (9.7 * f64::from(k)).sin();
+                slope.take([turn(k), 0.0, 0.0, 0.0], [lean, 0.0, 0.0, 0.0], interval, least);
+            }
+            let drawn = slope.drawn(believed * interval) / interval;
+            assert!((drawn - wanted).abs() < 0.05, "{readout} {believed}: {drawn}");
         }
     }
 

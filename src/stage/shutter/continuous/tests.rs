@@ -268,3 +268,76 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
     assert_eq!(certainty::known_readout(&found, INTERVAL_S), None);
     assert_eq!(certainty::known_hfov(&found), None);
 }
+
+/// Numbers between -1 and 1, always the same.
+fn numbers() -> impl FnMut() -> f64 {
+    let mut state = 5u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+}
+
+/// Tracks of a camera with a global shutter that turns by `turn` between two frames, each with an error of .1 px.
+fn turned(camera: &Pinhole, turn: Pose, random: &mut impl FnMut() -> f64) -> Vec<Track> {
+    let homography = camera.turned(turn);
+    let track = |_| {
+        let from = [0, 1].map(|i| 0.5 * (random() + 1.0) * SIZE[i] as f64);
+        let to = camera.bent(homography.apply(camera.straight(from))).map(|c| c + 0.1 * random());
+        Track { from, to, sigma_px: 0.1, background: 1.0, ..Track::default() }
+    };
+    (0..200).map(track).collect()
+}
+
+/// The path holds the whole pan as an angle, and each new belief in the focal length or the lens makes another angle of it. Measured: .14 px; .59 px
+/// where the path's beginning is what stays where it is.
+#[test]
+fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
+    let camera = Pinhole::new(SIZE, HFOV_DEG).with_lens(-0.05, SIZE[0]);
+    let optics = Optics { readout_s: Known::Exactly(0.0), hfov_deg: Known::Nothing, lens_k1: Known::Nothing };
+    let mut model = Continuous::new(optics, 1);
+    model.begin(SIZE);
+    let mut random = numbers();
+    let mut path = Vec::new();
+    for k in 0..180 {
+        // not quite steady, as a hand is: a pan that is says nothing of the lens
+        let speed = |t: f64| [0.4 + 0.05 * (5.0 * t).sin(), 0.02 * (7.0 * t).sin(), 0.0];
+        let [yaw, pitch, roll] = speed(f64::from(k) * INTERVAL_S).map(|speed| speed * INTERVAL_S);
+        let mut tracks = turned(&camera, [yaw, pitch, roll, 0.0], &mut random);
+        let fit = Fit::default();
+        model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
+        path.push(model.newest().path[0]);
+    }
+    let jerks = path[60..].windows(4).map(|p| camera.focal * (p[3] - 3.0 * p[2] + 3.0 * p[1] - p[0]).abs());
+    let worst = jerks.fold(0.0, f64::max);
+    println!("worst third difference {worst:.3} px");
+    assert!(worst < 0.3, "the path jerks by {worst} px");
+}
+
+/// A global shutter where a rolling one is expected: the search restarts, and the picture does not jump. The belief moves by more than a quarter of the
+/// interval at a time.
+#[test]
+fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
+    let camera = Pinhole::new(SIZE, HFOV_DEG);
+    let mut model = Continuous::new(optics(Known::Nothing, Known::Exactly(HFOV_DEG)), 1);
+    model.begin(SIZE);
+    let mut random = numbers();
+    let mut believed = Vec::new();
+    let mut drawn = Vec::new();
+    let mut parts = Vec::new();
+    for k in 0..90 {
+        let [from, to] = [0, 1].map(|i| shaken(f64::from(k + i) * INTERVAL_S));
+        let [yaw, pitch, _] = std::array::from_fn(|i| to[i] - from[i]);
+        let mut tracks = turned(&camera, [yaw, pitch, 0.0, 0.0], &mut random);
+        let fit = Fit::default();
+        model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
+        believed.push(model.calibration().readout_s / INTERVAL_S);
+        drawn.push(model.drawn_s / INTERVAL_S);
+        parts.push(model.newest().rows_part);
+    }
+    let step = |values: &[f64]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    println!("believed by {:.3}, drawn by {:.3}, parts by {:.3} at a time", step(&believed), step(&drawn), step(&parts));
+    assert!(step(&believed) > 0.25, "the search did not restart: {believed:?}");
+    assert!(step(&drawn) < 0.05 && step(&parts) < 0.1, "{drawn:?} {parts:?}");
+    assert!(believed[89].abs() < 0.1 && drawn[89].abs() < 0.1, "{believed:?} {drawn:?}");
+}
