@@ -116,7 +116,10 @@ impl Target {
         let mut failure = first.map_or_else(|| Failure::new(Exit::Unavailable, "no daemon running"), Failure::from);
         let others = if self.socket.is_none() { instances() } else { Vec::new() };
         failure.message += &match others.as_slice() {
-            [] => "; start it with `sudo systemctl start gimbald`, or `gimbald run` in a terminal".to_owned(),
+            [] => match &self.instance {
+                Some(name) => format!("; start it with `sudo systemctl start gimbald@{name}`"),
+                None => "; start it with `sudo systemctl start gimbald`, or `gimbald run` in a terminal".to_owned(),
+            },
             others => format!("; running instances: --instance {}", others.join(", --instance ")),
         };
         Err(failure)
@@ -312,6 +315,8 @@ mod tests {
         assert_eq!(target("desk").sockets().unwrap()[0], PathBuf::from("/run/gimbald-desk/control.sock"));
         assert!(target("../../tmp/x").sockets().is_err());
         assert_eq!(Target::default().sockets().unwrap()[0], PathBuf::from("/run/gimbald/control.sock"));
+        let absent = target("not-there").connect().unwrap_err();
+        assert!(absent.message.contains("gimbald@not-there") || absent.message.contains("running instances"), "{absent:?}");
         assert_eq!(instance_of(Path::new("/etc/gimbald/desk.toml")).as_deref(), Some("desk"));
         assert_eq!(instance_of(Path::new("/etc/gimbald.toml")), None);
         assert_eq!((seconds("0.5"), seconds("nan").is_err(), seconds("0").is_err()), (Ok(0.5), true, true));

@@ -8,6 +8,8 @@ const LEFT: f64 = 62.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 8.0;
 const BOTTOM: f64 = 26.0;
+/// A time's label nearer than this to the right edge would be drawn over the unit, and is written with it.
+const UNIT: f64 = 26.0;
 /// Points along the time axis beyond which a line is drawn by the extremes of each step, so that no peak is lost.
 const FINEST: usize = 1200;
 
@@ -74,13 +76,18 @@ impl Plot<'_> {
             let _ = write!(html, "<path class=grid d=\"M{LEFT} {0:.1}H{1}\"/>", y(tick), WIDTH - RIGHT);
             let _ = write!(html, "<text x={:.1} y={:.1} class=y>{label}</text>", LEFT - 6.0, y(tick) + 4.0);
         }
+        let mut unit = "s".to_owned();
         for (tick, label) in ticks(start, end, 10) {
-            let _ = write!(html, "<text x={:.1} y={} class=x>{label}</text>", x(tick), HEIGHT - 8.0);
+            if x(tick) > WIDTH - UNIT {
+                unit = format!("{label} s");
+            } else {
+                let _ = write!(html, "<text x={:.1} y={} class=x>{label}</text>", x(tick), HEIGHT - 8.0);
+            }
         }
         if !self.unit.is_empty() {
             let _ = write!(html, "<text x=4 y={} class=unit>{}</text>", TOP + 10.0, escaped(self.unit));
         }
-        let _ = write!(html, "<text x={} y={} class=\"unit end\">s</text>", WIDTH - 2.0, HEIGHT - 8.0);
+        let _ = write!(html, "<text x={} y={} class=\"unit end\">{unit}</text>", WIDTH - 2.0, HEIGHT - 8.0);
         if let Some((level, name)) = self.limit {
             let _ = write!(html, "<path class=limit d=\"M{LEFT} {0:.1}H{1}\"/>", y(level), WIDTH - RIGHT);
             let _ = write!(html, "<text x={} y={:.1} class=\"unit end\">{name}</text>", WIDTH - RIGHT - 4.0, y(level) - 4.0);
@@ -172,6 +179,13 @@ mod tests {
         assert_eq!(labels(0.0, 10.0, 5), ["0", "2", "4", "6", "8", "10"]);
         assert_eq!(labels(0.9996, 1.0004, 4), ["0.9996", "0.9998", "1.0000", "1.0002", "1.0004"]);
         assert!(labels(f64::NAN, 1.0, 5).is_empty());
+    }
+
+    #[test]
+    fn the_last_time_and_the_unit_do_not_overlap() {
+        let (before, until) = (plot(&[-2.0, 0.0], vec![1.0, 2.0]).figure(), plot(&[0.0, 1.97], vec![1.0, 2.0]).figure());
+        assert!(before.contains(">0.0 s</text>") && !before.contains(">0.0</text>"), "{before}");
+        assert!(until.contains(">s</text>") && until.contains(">1.8</text>"), "{until}");
     }
 
     #[test]
