@@ -6,6 +6,8 @@ use super::{Level, dispatch};
 
 /// Rows of a matrix that is factored, at most.
 pub const MAX: usize = 192;
+/// Columns that are eliminated at a time.
+const AT_ONCE: usize = 4;
 
 /// Lower Cholesky factor of the leading `n` x `n` block, with rows as far apart; false where it is not positive definite.
 ///
@@ -20,29 +22,72 @@ fn factor_body(matrix: &[f64], factor: &mut [f64], n: usize, stride: usize) -> b
     for i in 0..n {
         factor[i * stride..=i * stride + i].copy_from_slice(&matrix[i * stride..=i * stride + i]);
     }
-    // column by column: what is left of the rows below never waits for a sum, as it would row by row
-    let mut column = [0.0; MAX];
-    for k in 0..n {
-        let pivot = factor[k * stride + k];
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return false;
+    // column by column: what is left of the rows below never waits for a sum, as it would row by row; and several columns at a time, so that
+    // each of those rows is read and written once for all of them
+    let mut columns = [[0.0; MAX]; AT_ONCE];
+    for from in (0..n).step_by(AT_ONCE) {
+        let next = (from + AT_ONCE).min(n);
+        let Some(scales) = factor_block(factor, from, next, stride) else { return false };
+        if next < n {
+            finish_columns(factor, &mut columns, &scales, [from, n], stride);
         }
-        let root = pivot.sqrt();
-        factor[k * stride + k] = root;
-        let scale = 1.0 / root;
-        for i in k + 1..n {
-            let row = &mut factor[i * stride + k..=i * stride + i];
-            column[i] = scale * row[0];
-            row[0] = column[i];
-            let share = column[i];
-            if share != 0.0 {
-                for (entry, other) in row[1..].iter_mut().zip(&column[k + 1..=i]) {
-                    *entry -= share * other;
+        for i in next..n {
+            let shares: [f64; AT_ONCE] = std::array::from_fn(|c| columns[c][i]);
+            if shares != [0.0; AT_ONCE] {
+                let [a, b, c, d] = columns.each_ref().map(|column| &column[next..=i]);
+                let row = &mut factor[i * stride + next..=i * stride + i];
+                for ((((entry, a), b), c), d) in row.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                    *entry = *entry - shares[0] * a - shares[1] * b - shares[2] * c - shares[3] * d;
                 }
             }
         }
     }
     true
+}
+
+/// Factors the block of rows and columns `from` to `next` on the diagonal, at most [`AT_ONCE`] of them. Gives the inverses of its diagonal; none
+/// where it is not positive definite.
+#[inline(always)]
+fn factor_block(factor: &mut [f64], from: usize, next: usize, stride: usize) -> Option<[f64; AT_ONCE]> {
+    let mut scales = [0.0; AT_ONCE];
+    for k in from..next {
+        let pivot = factor[k * stride + k];
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        let root = pivot.sqrt();
+        factor[k * stride + k] = root;
+        scales[k - from] = 1.0 / root;
+        for i in k + 1..next {
+            factor[i * stride + k] *= scales[k - from];
+            for j in k + 1..=i {
+                factor[i * stride + j] -= factor[i * stride + k] * factor[j * stride + k];
+            }
+        }
+    }
+    Some(scales)
+}
+
+/// The columns `from` and those after it, [`AT_ONCE`] of them, in the rows below their block and above `n`; a copy is left in `columns`.
+#[inline(always)]
+fn finish_columns(
+    factor: &mut [f64],
+    columns: &mut [[f64; MAX]; AT_ONCE],
+    scales: &[f64; AT_ONCE],
+    [from, n]: [usize; 2],
+    stride: usize,
+) {
+    let block: [[f64; AT_ONCE]; AT_ONCE] =
+        std::array::from_fn(|i| std::array::from_fn(|j| factor[(from + i) * stride + from + j]));
+    let [a, b, c, d] = columns;
+    for i in from + AT_ONCE..n {
+        let row: &mut [f64; AT_ONCE] = (&mut factor[i * stride + from..][..AT_ONCE]).try_into().expect("as many");
+        row[0] *= scales[0];
+        row[1] = (row[1] - row[0] * block[1][0]) * scales[1];
+        row[2] = (row[2] - row[0] * block[2][0] - row[1] * block[2][1]) * scales[2];
+        row[3] = (row[3] - row[0] * block[3][0] - row[1] * block[3][1] - row[2] * block[3][2]) * scales[3];
+        (a[i], b[i], c[i], d[i]) = (row[0], row[1], row[2], row[3]);
+    }
 }
 
 /// Solves `L y = x` for the factor L; x becomes y.

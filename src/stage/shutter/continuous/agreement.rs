@@ -38,11 +38,55 @@ pub struct Compared {
 }
 
 impl Compared {
-    /// What moves the place along x, then along y.
+    /// What the eight ways in which a homography moves the picture have of a motion.
     #[inline]
-    fn basis(&self) -> [[f64; BASIS]; 2] {
+    fn along(&self, [u, v]: [f64; 2]) -> [f64; BASIS] {
         let [x, y] = self.place;
-        [[1.0, x, y, 0.0, 0.0, 0.0, x * x, x * y], [0.0, 0.0, 0.0, 1.0, x, y, x * y, y * y]]
+        let outward = x * u + y * v;
+        [u, x * u, y * u, v, x * v, y * v, x * outward, y * outward]
+    }
+}
+
+/// Sums over the tracks of their weight times x^i y^j of their places, i + j up to 4.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments([[f64; 5]; 5]);
+
+impl Moments {
+    #[inline]
+    fn add(&mut self, [x, y]: [f64; 2], weight: f64) {
+        let mut by_x = weight;
+        for (i, row) in self.0.iter_mut().enumerate() {
+            let mut by_both = by_x;
+            for sum in &mut row[..5 - i] {
+                *sum += by_both;
+                by_both *= y;
+            }
+            by_x *= x;
+        }
+    }
+
+    /// The sums of products of the eight ways in which a homography moves the picture, x and y together: the lower triangle.
+    fn normal(&self) -> SMatrix<f64, BASIS, BASIS> {
+        let m = &self.0;
+        let mut matrix = SMatrix::<f64, BASIS, BASIS>::zeros();
+        let plane = [[m[0][0], 0.0, 0.0], [m[1][0], m[2][0], 0.0], [m[0][1], m[1][1], m[0][2]]];
+        for (i, row) in plane.into_iter().enumerate() {
+            for (j, entry) in row.into_iter().enumerate().take(i + 1) {
+                matrix[(i, j)] = entry;
+                matrix[(3 + i, 3 + j)] = entry;
+            }
+        }
+        // x^2 and x y along x, x y and y^2 along y
+        for (row, [i, j]) in [(6, [1, 0]), (7, [0, 1])] {
+            for (column, [a, b]) in [(0, [0, 0]), (1, [1, 0]), (2, [0, 1])] {
+                matrix[(row, column)] = m[1 + i + a][j + b];
+                matrix[(row, 3 + column)] = m[i + a][1 + j + b];
+            }
+        }
+        matrix[(6, 6)] = m[4][0] + m[2][2];
+        matrix[(7, 6)] = m[3][1] + m[1][3];
+        matrix[(7, 7)] = m[2][2] + m[0][4];
+        matrix
     }
 }
 
@@ -54,37 +98,33 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Takes in what a pair of frames, `interval_s` apart, showed.
-    pub fn take(&mut self, tracks: impl Iterator<Item = Compared> + Clone, interval_s: f64) {
-        let mut matrix = [[0.0; BASIS]; BASIS];
+    /// Takes in what a pair of frames, `interval_s` apart, showed. With M the sums of products of the basis, s and t those of the basis with r
+    /// and with p, what is left of `sum r.p` is `sum r.p - s' M^-1 t`.
+    pub fn take(&mut self, tracks: impl Iterator<Item = Compared>, interval_s: f64) {
+        let mut moments = Moments::default();
         let (mut seen, mut said) = ([0.0; BASIS], [0.0; BASIS]);
-        let mut sum = 0.0;
-        for track in tracks.clone() {
-            let [x, y] = track.basis();
-            for i in 0..BASIS {
-                let scaled = [track.weight * x[i], track.weight * y[i]];
-                for j in 0..=i {
-                    matrix[i][j] += scaled[0] * x[j] + scaled[1] * y[j];
-                }
-                seen[i] += scaled[0] * track.moved[0] + scaled[1] * track.moved[1];
-                said[i] += scaled[0] * track.by_rows[0] + scaled[1] * track.by_rows[1];
+        // of r.p, p.p and 1; what a homography explains of the first two is taken from them below
+        let (mut across, mut square, mut sum) = (0.0, 0.0, 0.0);
+        for track in tracks {
+            let Compared { place, moved: r, by_rows: p, weight } = track;
+            moments.add(place, weight);
+            for (sum, news) in seen.iter_mut().zip(track.along(r)) {
+                *sum += weight * news;
             }
-            sum += track.weight;
+            for (sum, news) in said.iter_mut().zip(track.along(p)) {
+                *sum += weight * news;
+            }
+            across += weight * (r[0] * p[0] + r[1] * p[1]);
+            square += weight * (p[0] * p[0] + p[1] * p[1]);
+            sum += weight;
         }
         // the factor is made of the lower triangle alone
-        let entry = |i: usize, j: usize| matrix[i][j] + if i == j { 1e-9 } else { 0.0 };
-        let matrix = SMatrix::<f64, BASIS, BASIS>::from_fn(|i, j| if j <= i { entry(i, j) } else { 0.0 });
+        let matrix = moments.normal() + SMatrix::<f64, BASIS, BASIS>::identity() * 1e-9;
         let Some(factor) = matrix.cholesky() else { return };
-        let [seen, said] = [seen, said].map(|right| factor.solve(&SVector::<f64, BASIS>::from(right)));
-        let (mut across, mut square) = (0.0, 0.0);
-        for track in tracks {
-            for (i, row) in track.basis().iter().enumerate() {
-                let dot = |solved: &SVector<f64, BASIS>| (0..BASIS).map(|k| row[k] * solved[k]).sum::<f64>();
-                let (r, p) = (track.moved[i] - dot(&seen), track.by_rows[i] - dot(&said));
-                across += track.weight * r * p;
-                square += track.weight * p * p;
-            }
-        }
+        let said = SVector::<f64, BASIS>::from(said);
+        let explained = factor.solve(&said);
+        across -= SVector::<f64, BASIS>::from(seen).dot(&explained);
+        square -= said.dot(&explained);
         if sum > 0.0 && across.is_finite() && square.is_finite() {
             let keep = (-interval_s / MEMORY_S).exp();
             for (sum, news) in self.sums.iter_mut().zip([across / sum, square / sum, 1.0]) {

@@ -355,12 +355,11 @@ impl Filter {
                 let (row, column) = (to.max(other), to.min(other));
                 // a point of both moments meets itself in both orders
                 let times = if p != q && row == column { 2.0 } else { 1.0 };
-                for i in 0..4 {
-                    let entries = &mut self.full.matrix[(row + i) * N + column..][..4];
-                    for (j, entry) in entries.iter_mut().enumerate() {
-                        let (upper, lower) = (i.min(j), i.max(j));
-                        *entry += times * pair[lower * (lower + 1) / 2 + upper];
-                    }
+                let [a, b, c, d, e, f, g, h, i, j, ..] = pair.map(|value| times * value);
+                let lines = self.full.matrix[row * N + column..].chunks_mut(N);
+                for (line, news) in lines.zip([[a, b, d, g], [b, c, e, h], [d, e, f, i], [g, h, i, j]]) {
+                    let entries = line.first_chunk_mut::<4>().expect("rows are longer");
+                    (0..4).for_each(|c| entries[c] += news[c]);
                 }
             }
         }
@@ -384,15 +383,16 @@ impl Filter {
     /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
     pub fn deviation(&self, sooner_s: f64, later_s: f64) -> Pose {
         let n = self.unknowns();
+        let moments = [(self.place(sooner_s), -1.0), (self.place(later_s), 1.0)];
+        let from = FLOWS + 4 * self.held_point(moments[0].0.first.min(moments[1].0.first));
         std::array::from_fn(|c| {
             let mut function = [0.0; N];
-            for (time, sign) in [(sooner_s, -1.0), (later_s, 1.0)] {
-                let Place { first, weights, .. } = self.place(time);
-                for (i, weight) in weights.into_iter().enumerate() {
+            for (Place { first, weights, .. }, sign) in &moments {
+                for (i, weight) in weights.iter().enumerate() {
                     function[FLOWS + 4 * self.held_point(first + i as i64) + c] += sign * weight;
                 }
             }
-            self.solution.variance(&mut function[..n]).sqrt()
+            self.solution.variance(from, &mut function[from..n]).sqrt()
         })
     }
 

@@ -47,9 +47,8 @@ const PRIOR: Prior =
     Prior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
 /// Part of a known interval that it may be off by, at most: a stamp that is later by several frames is a late stamp.
 const MOST_OFF: f64 = 0.35;
-/// Rounds of weighing; the scale shrinks from round to round.
+/// Rounds of weighing, at most and at least; one that changes less than this part of the weights is the last.
 const ROUNDS: usize = 4;
-/// With more rounds than this the last ones' scale is the same; where they change less than this part of the weights, they may end.
 const LEAST_ROUNDS: usize = 2;
 const SETTLED: f64 = 0.02;
 /// Least scale of the robust weights, pixels.
@@ -413,7 +412,7 @@ impl Continuous {
             }
             self.filter.ease_prior();
             self.batch.evaluate(&self.filter);
-            let scale = self.scale_px * [2.0, 1.0, 1.0, 1.0][round.min(3)];
+            let scale = self.scale_px;
             let (mut sum, mut changed) = (0.0, 0.0);
             (squares, common, certain) = (0.0, 0.0, 0.0);
             for (i, said) in self.batch.said() {
@@ -428,7 +427,7 @@ impl Continuous {
                 changed += (weight - self.weights[i]).abs();
                 self.weights[i] = weight;
             }
-            if round >= LEAST_ROUNDS && changed < SETTLED * sum {
+            if round + 1 >= LEAST_ROUNDS && changed < SETTLED * sum {
                 break;
             }
         }

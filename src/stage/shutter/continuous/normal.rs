@@ -146,10 +146,11 @@ impl Normal {
     /// Takes from `rest` (two ranges of unknowns) and the globals what eliminating unknown `k` takes.
     fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: [[usize; 2]; 2]) {
         // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
+        let said = self.right[k] / pivot;
         for [from, to] in rest {
             dense::subtract(self.level, &mut self.matrix, column, pivot, [from, to], N);
-            for i in from..to {
-                self.right[i] -= column[i] / pivot * self.right[k];
+            for (right, column) in self.right[from..to].iter_mut().zip(&column[from..to]) {
+                *right -= column * said;
             }
         }
         for g in 0..G {
@@ -157,8 +158,10 @@ impl Normal {
             if share == 0.0 {
                 continue;
             }
-            for i in rest.into_iter().flat_map(|[from, to]| from..to) {
-                self.cross[g][i] -= share * column[i];
+            for [from, to] in rest {
+                for (cross, column) in self.cross[g][from..to].iter_mut().zip(&column[from..to]) {
+                    *cross -= share * column;
+                }
             }
             self.corner_right[g] -= share * self.right[k];
             for (corner, cross) in self.corner[g].iter_mut().zip(&self.cross) {
@@ -255,9 +258,9 @@ impl Solution {
         })
     }
 
-    /// The variance of a linear function of the path, were the globals known.
-    pub fn variance(&self, function: &mut [f64]) -> f64 {
-        self.forward(function);
+    /// The variance of a linear function of the path from unknown `from` on, were the globals known.
+    pub fn variance(&self, from: usize, function: &mut [f64]) -> f64 {
+        dense::forward(self.level, &self.factor[from * N + from..], function, N);
         dot(function, function)
     }
 
