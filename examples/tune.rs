@@ -28,7 +28,7 @@ use std::path::Path;
 use anyhow::{Context as _, bail, ensure};
 use gimbald::geometry::{Homography, OutputMap, Pinhole, Pose, RowPoses};
 use gimbald::stage::crop::{self, Window};
-use gimbald::stage::shutter::Ends;
+use gimbald::stage::shutter::RowSpan;
 use gimbald::stage::smooth::{self, Smoother, Tuning};
 
 /// First frames that are not judged.
@@ -192,8 +192,8 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
         while seen < count && (seen <= k || log.frames[seen] - log.frames[k] <= setup.smooth.lookahead_s() + 1e-3) {
             let (first, last) = (log.frames[seen], log.frames[seen] + log.readout_s);
             let last_before = at(last - interval(seen));
-            let ends = Ends { first: at(first), last: at(last), last_before, half_s: half, interval_s: interval(seen) };
-            smoother.observe(at(first + half), interval(seen), if seen > 0 { ends } else { Ends::default() });
+            let ends = RowSpan { first: at(first), last: at(last), last_before, half_s: half, interval_s: interval(seen) };
+            smoother.observe(at(first + half), interval(seen), if seen > 0 { ends } else { RowSpan::default() });
             seen += 1;
         }
         let (pose, step_s) = (at(log.frames[k] + half), interval(k));

@@ -8,7 +8,7 @@ use gimbald::device::synthetic::{self, Motion, Synthetic};
 use gimbald::geometry::RowMotion;
 use gimbald::pipeline::{Camera, Params, run_inline};
 use gimbald::rt::stop::Stop;
-use gimbald::stage::shutter::{self, Known, Model, Parameters};
+use gimbald::stage::shutter::{self, Model, Parameters, Prior};
 
 const SIZE: [u32; 2] = [320, 240];
 /// Wide, as a webcam's; and narrow, so that a turn shifts the picture and does little else, as the paper's model has it.
@@ -41,7 +41,7 @@ fn run(motion: Motion, fps: f64, hfov_deg: f64, readout: f64, models: &[shutter:
     let shots = filmed(&mut camera);
     let see = |shutter: &shutter::Params| {
         let camera =
-            Camera { readout_ms: Known::Exactly(readout_ms), hfov_deg: Known::Exactly(hfov_deg), lens_k1: Known::Exactly(0.0) };
+            Camera { readout_ms: Prior::Fixed(readout_ms), hfov_deg: Prior::Fixed(hfov_deg), lens_k1: Prior::Fixed(0.0) };
         let params = Params { camera, shutter: *shutter, ..Params::default() };
         let (mut source, mut memory) = (Script::new(shots.clone()), Memory::default());
         let mut sink = NullSink::new(&source.format);

@@ -255,7 +255,7 @@ fn most_taken(client: &Client, mut show: impl FnMut()) -> u64 {
         let before = taken();
         show();
         let took = taken() - before;
-        while let Ok(Some(said)) = client.hear() {
+        while let Ok(Some(said)) = client.receive() {
             if let Heard::Frame { id, .. } = said {
                 received += 1;
                 client.free(id).unwrap();

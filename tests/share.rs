@@ -102,7 +102,7 @@ fn until(what: &str, mut is_so: impl FnMut() -> bool) {
 fn heard(client: &Client) -> std::io::Result<Heard> {
     let before = Instant::now();
     loop {
-        match client.hear() {
+        match client.receive() {
             Ok(Some(heard)) => return Ok(heard),
             Ok(None) => std::thread::sleep(Duration::from_millis(2)),
             Err(error) => return Err(error),
@@ -147,7 +147,7 @@ fn a_picture_is_drawn_into_lent_memory_and_waits_until_it_is_free_again() {
     let mut drawn = Vec::new();
     until("both are drawn into", || {
         outlet.send(picture(50 + drawn.len() as u8).as_ref(), &Stamp { time_ns: 7, ..Stamp::default() });
-        while let Ok(Some(said)) = client.hear() {
+        while let Ok(Some(said)) = client.receive() {
             if let Heard::Frame { id, time_ns: 7 } = said {
                 drawn.push(id);
             }
@@ -161,12 +161,12 @@ fn a_picture_is_drawn_into_lent_memory_and_waits_until_it_is_free_again() {
     // Nothing is drawn into what is being shown.
     outlet.send(picture(90).as_ref(), &Stamp::default());
     std::thread::sleep(Duration::from_millis(50));
-    assert_eq!(client.hear().unwrap(), None);
+    assert_eq!(client.receive().unwrap(), None);
     assert!(memory.iter().all(|memory| memory.bytes()[0] < 90));
     client.free(drawn[0]).unwrap();
     until("the piece that was freed is drawn into", || {
         outlet.send(picture(91).as_ref(), &Stamp::default());
-        matches!(client.hear(), Ok(Some(Heard::Frame { id, .. })) if id == drawn[0])
+        matches!(client.receive(), Ok(Some(Heard::Frame { id, .. })) if id == drawn[0])
     });
     assert_eq!(memory[drawn[0] as usize].bytes()[0], 91);
     // What is revoked is drawn into no more.
@@ -175,7 +175,7 @@ fn a_picture_is_drawn_into_lent_memory_and_waits_until_it_is_free_again() {
     client.free(drawn[1]).unwrap();
     until("the other piece is drawn into", || {
         outlet.send(picture(92).as_ref(), &Stamp::default());
-        matches!(client.hear(), Ok(Some(Heard::Frame { id, .. })) if id == drawn[1])
+        matches!(client.receive(), Ok(Some(Heard::Frame { id, .. })) if id == drawn[1])
     });
     assert_eq!(memory[drawn[0] as usize].bytes()[0], 91);
     client.watch(false, SIZE, None).unwrap();
@@ -204,7 +204,7 @@ fn a_companion_that_may_not_open_the_camera_gets_nothing() {
         std::thread::sleep(Duration::from_millis(20));
         assert!(!outlet.is_wanted() && rig.companions.watching() == 0, "proof {number}");
         outlet.send(picture(77).as_ref(), &Stamp::default());
-        assert_eq!(client.hear().unwrap(), None, "proof {number}");
+        assert_eq!(client.receive().unwrap(), None, "proof {number}");
         assert_eq!(Memory::map(&fd, BYTES).unwrap().bytes()[0], 0, "proof {number}");
         // With the right one it does.
         client.watch(true, SIZE, Some(camera().as_fd())).unwrap();
@@ -280,18 +280,18 @@ fn a_page_gets_output_and_input_and_does_not_hold_the_size() {
     let frame = Frame { picture: picture(40), ..Frame::default() };
     until("a pair comes", || {
         inspector.show(&frame, picture(200).as_ref());
-        matches!(client.hear(), Ok(Some(Heard::Frame { id: 1, .. })))
+        matches!(client.receive(), Ok(Some(Heard::Frame { id: 1, .. })))
     });
     assert_eq!((pair.output()[0], pair.input()[0]), (200, 40));
     let known = pair.frames();
     // Nothing is drawn until the memory is free again, and no frame is missing then.
     let darker = picture(10);
     (0..5).for_each(|_| inspector.show(&frame, darker.as_ref()));
-    assert_eq!((pair.output()[0], client.hear().unwrap()), (200, None));
+    assert_eq!((pair.output()[0], client.receive().unwrap()), (200, None));
     client.free(1).unwrap();
     until("the next pair comes", || {
         inspector.show(&frame, darker.as_ref());
-        matches!(client.hear(), Ok(Some(Heard::Frame { id: 1, .. })))
+        matches!(client.receive(), Ok(Some(Heard::Frame { id: 1, .. })))
     });
     let next = pair.frames();
     assert_eq!(pair.output()[0], 10);
@@ -317,14 +317,14 @@ fn a_page_of_a_user_who_may_not_open_the_camera_gets_nothing() {
         assert_eq!(answer(&client).unwrap(), Heard::Refused(Refusal::Proof));
         std::thread::sleep(Duration::from_millis(20));
         inspector.show(&frame, picture(200).as_ref());
-        assert_eq!((client.hear().unwrap(), rig.companions.pages()), (None, 0));
+        assert_eq!((client.receive().unwrap(), rig.companions.pages()), (None, 0));
         assert!(pair.output().iter().chain(pair.input()).all(|byte| *byte == 0));
     }
     // Memory of one picture is too small for a pair.
     let client = rig.client();
     client.watch_both(SIZE, Some(camera().as_fd())).unwrap();
     client.lend(1, memfd(BYTES, SealFlags::SHRINK).as_fd()).unwrap();
-    until("it is disconnected", || client.hear().is_err());
+    until("it is disconnected", || client.receive().is_err());
 }
 
 /// Sends bytes and descriptors as no honest companion does.

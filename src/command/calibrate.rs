@@ -23,15 +23,15 @@ use crate::device::{FrameSource, replay};
 use crate::pipeline::Camera;
 use crate::rt::notifier::Notifier;
 use crate::stage::shutter::certainty::{self, Estimate};
-use footage::{Answer, Evenness, Footage, LEAST_MOTION_PX};
+use footage::{Answer, Evenness, Footage, MIN_MOTION_PX};
 use limited::Limited;
 
 /// Footage looked at where nothing else is said, seconds: of a camera, of a file.
 const SECONDS: (f64, f64) = (20.0, 120.0);
 /// Frames below which nothing is said.
-const LEAST_FRAMES: u64 = 10;
+const MIN_FRAMES: u64 = 10;
 /// Part of the intervals that may be doubtful.
-const MOST_DOUBT: f64 = 0.25;
+const MAX_DOUBT: f64 = 0.25;
 /// Jitter (frame intervals), and part of the intervals that is doubtful, from which times are called uneven.
 const UNEVEN: (f64, f64) = (0.05, 0.1);
 /// Share by which another answer's misfit must be larger than the best one's.
@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut footage = look(source, Camera::default(), "analysing")?;
     usable(&input.display().to_string(), recorded, &footage)?;
     let (mut best, mut other) = footage.answers(None);
-    if recorded && input.is_file() && !stop.is_set() && footage.frames >= LEAST_FRAMES {
+    if recorded && input.is_file() && !stop.is_set() && footage.frames >= MIN_FRAMES {
         footage = look(replay::open(&input)?, footage.about(&best.camera), "refining")?;
         (best, other) = footage.answers(Some(&best.camera));
     }
@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn usable(name: &str, recorded: bool, footage: &Footage) -> Result<(), Failure> {
     let Some(why) = footage.unusable.in_words(footage.frames) else { return Ok(()) };
     let usable = footage.frames.saturating_sub(footage.unusable.total());
-    if usable >= LEAST_FRAMES && 2 * usable >= footage.frames {
+    if usable >= MIN_FRAMES && 2 * usable >= footage.frames {
         warn(&format!("{name}: {why}; the result is based on the other frames"));
         return Ok(());
     }
@@ -151,7 +151,7 @@ struct Found {
 impl Found {
     fn readout(&self) -> Option<Estimate> {
         let known = certainty::known_readout(&self.best.camera, self.interval_s);
-        known.filter(|_| self.ambiguous.is_none() && self.evenness.doubt() <= MOST_DOUBT)
+        known.filter(|_| self.ambiguous.is_none() && self.evenness.doubt() <= MAX_DOUBT)
     }
 
     fn hfov(&self) -> Option<Estimate> {
@@ -176,7 +176,7 @@ impl Found {
             text += "; the frame size changed, frames after that were ignored";
         }
         let _ =
-            writeln!(text, "\nmotion: {motion_px:.1} pixels per frame (RMS); more than {LEAST_MOTION_PX} for {moving_s:.1} s");
+            writeln!(text, "\nmotion: {motion_px:.1} pixels per frame (RMS); more than {MIN_MOTION_PX} for {moving_s:.1} s");
         if self.is_uneven() {
             let _ = writeln!(text, "time stamps: {}", self.unevenness());
         }
@@ -228,7 +228,7 @@ impl Found {
         }
         let what = missing.join("; ");
         Some(match () {
-            () if footage.frames < LEAST_FRAMES => {
+            () if footage.frames < MIN_FRAMES => {
                 format!("too short: {what}; use a longer recording, or keep the settings at \"auto\"")
             }
             () if self.is_uneven() => format!(
@@ -246,12 +246,12 @@ impl Found {
     /// What is not known, and why, in so many words.
     fn missing(&self, footage: &Footage) -> Vec<String> {
         let limit = certainty::LIMIT;
-        if footage.frames < LEAST_FRAMES {
+        if footage.frames < MIN_FRAMES {
             return vec![format!("only {} frames", footage.frames)];
         }
         let mut missing = Vec::new();
-        if self.evenness.doubt() > MOST_DOUBT {
-            missing.push(format!("more than {:.0} % of the intervals are outliers", 100.0 * MOST_DOUBT));
+        if self.evenness.doubt() > MAX_DOUBT {
+            missing.push(format!("more than {:.0} % of the intervals are outliers", 100.0 * MAX_DOUBT));
         } else if certainty::known_readout(&self.best.camera, self.interval_s).is_none() {
             let Estimate { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
             let [value, uncertainty] = [value, uncertainty].map(|seconds| 100.0 * seconds / self.interval_s);

@@ -26,7 +26,7 @@ use crate::image::{Picture, PictureRef};
 use crate::pipeline::{Observer, run_inline};
 use crate::report::{Compare, Report, compare_format};
 use crate::rt::stop::Stop;
-use crate::stage::shutter::Known;
+use crate::stage::shutter::Prior;
 use crate::stage::unpack::Unpack;
 use repeated::Repeated;
 
@@ -83,8 +83,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for (setting, truth) in
         [(&mut known.readout_ms, camera.readout_ms), (&mut known.hfov_deg, camera.hfov_deg), (&mut known.lens_k1, 0.0)]
     {
-        if *setting == Known::Nothing {
-            *setting = Known::Exactly(truth);
+        if *setting == Prior::Unknown {
+            *setting = Prior::Fixed(truth);
         }
     }
     let generated_shake = both(&settings, &generated, 1, &stop)?;

@@ -225,7 +225,7 @@ impl Camera {
     /// Hears the daemon, if it says something.
     fn listen(&mut self) {
         while let Some(client) = &self.client {
-            match client.hear() {
+            match client.receive() {
                 Ok(None) => return,
                 Ok(Some(Heard::Frame { id, time_ns })) => self.pass_on(id, time_ns),
                 Ok(Some(Heard::Format(format))) => {

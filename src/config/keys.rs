@@ -4,7 +4,7 @@ use super::{Control, Key, Kind, Level};
 use crate::image::PixelFormat;
 use crate::stage::crop::{self, Border};
 use crate::stage::fit::Form;
-use crate::stage::shutter::{Known, Model, Parameters};
+use crate::stage::shutter::{Model, Parameters, Prior};
 use crate::stage::smooth::{self, Mode};
 use crate::stage::warp::Filter;
 
@@ -21,10 +21,10 @@ macro_rules! known {
         Kind::NumberOrAuto {
             range: ($low, $high),
             get: |s| match s.$($field).+ {
-                Known::Exactly(value) => Some(value),
-                Known::Nothing | Known::About(..) => None,
+                Prior::Fixed(value) => Some(value),
+                Prior::Unknown | Prior::Gaussian(..) => None,
             },
-            set: |s, value| s.$($field).+ = value.map_or(Known::Nothing, Known::Exactly),
+            set: |s, value| s.$($field).+ = value.map_or(Prior::Unknown, Prior::Fixed),
         }
     };
 }

@@ -191,13 +191,13 @@ impl Serving<'_> {
             let peer = Peer::of(&stream);
             if !self.quotas.connect(peer, now) {
                 dismiss(&stream, &busy("too many connections from this process"));
-                self.say(now, || tracing::warn!("refused a connection from {peer}: too many connections"));
+                self.log_limited(now, || tracing::warn!("refused a connection from {peer}: too many connections"));
                 continue;
             }
             if let Some(displaced) = self.quotas.displaced(&self.sessions, peer, now) {
                 let session = self.sessions.swap_remove(displaced);
                 session.dismiss(&busy("the connection was closed in favour of another client"));
-                self.say(now, || tracing::warn!("closed a connection of {} to accept {peer}", session.peer));
+                self.log_limited(now, || tracing::warn!("closed a connection of {} to accept {peer}", session.peer));
             }
             self.sessions.extend(Session::new(stream, peer, &self.server.limits, now));
         }
@@ -256,7 +256,7 @@ impl Serving<'_> {
         });
     }
 
-    fn say(&self, now: Instant, line: impl FnOnce()) {
+    fn log_limited(&self, now: Instant, line: impl FnOnce()) {
         if self.state.may_log(Subject::Connection, now) {
             line();
         }

@@ -149,12 +149,12 @@ impl Session {
     pub(super) fn talk(&mut self, now: Instant) -> bool {
         match self.at() {
             At::Giving => self.give(now),
-            At::Rest | At::Arriving => self.hear(now),
+            At::Rest | At::Arriving => self.read_requests(now),
             At::Ready | At::Reloading => true,
         }
     }
 
-    fn hear(&mut self, now: Instant) -> bool {
+    fn read_requests(&mut self, now: Instant) -> bool {
         let mut buffer = [0; READ];
         let rested = self.input.is_empty();
         match self.stream.read(&mut buffer) {

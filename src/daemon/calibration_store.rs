@@ -12,7 +12,7 @@ use self::file::{StateFile, Unusable};
 use super::devices::LiveCamera;
 use crate::geometry::Calibration;
 use crate::pipeline::Camera;
-use crate::stage::shutter::{Known, certainty};
+use crate::stage::shutter::{Prior, certainty};
 
 /// The file's name in the state directory.
 const NAME: &str = "cameras.toml";
@@ -120,8 +120,8 @@ impl Value {
         (low..=high).contains(&self.value) && self.uncertainty > 0.0 && self.uncertainty <= high - low
     }
 
-    fn start(&self, floor: f64) -> Known {
-        Known::About(self.value, (self.uncertainty / DOUBT).max(floor))
+    fn start(&self, floor: f64) -> Prior {
+        Prior::Gaussian(self.value, (self.uncertainty / DOUBT).max(floor))
     }
 
     /// Whether `new` says something that this does not.
@@ -171,13 +171,13 @@ impl CalibrationStore {
         if let Some(at) = state.entries.iter().position(|held| held.entry.mode == mode) {
             let held = state.entries.remove(at);
             let Entry { readout_ms, hfov_deg, lens_k1, .. } = held.entry;
-            if let (Known::Nothing, Some(readout)) = (camera.readout_ms, readout_ms) {
+            if let (Prior::Unknown, Some(readout)) = (camera.readout_ms, readout_ms) {
                 start.readout_ms = readout.start(FLOOR.0);
             }
-            if let (Known::Nothing, Some(hfov)) = (camera.hfov_deg, hfov_deg) {
+            if let (Prior::Unknown, Some(hfov)) = (camera.hfov_deg, hfov_deg) {
                 start.hfov_deg = hfov.start(FLOOR.1);
             }
-            if let (Known::Nothing, Some(lens)) = (camera.lens_k1, lens_k1) {
+            if let (Prior::Unknown, Some(lens)) = (camera.lens_k1, lens_k1) {
                 start.lens_k1 = lens.start(FLOOR.2);
             }
             state.entries.push(Held { used: true, ..held });
@@ -393,17 +393,18 @@ mod tests {
 
         let store = CalibrationStore::open(Some(scratch.path()));
         let start = store.begin(mode("A \"quoted\" name"), Camera::default());
-        let (Known::About(readout_ms, readout_off), Known::About(hfov_deg, hfov_off)) = (start.readout_ms, start.hfov_deg)
+        let (Prior::Gaussian(readout_ms, readout_off), Prior::Gaussian(hfov_deg, hfov_off)) =
+            (start.readout_ms, start.hfov_deg)
         else {
             panic!("{start:?}");
         };
         assert_eq!((readout_ms, hfov_deg), (-25.1, 61.2));
         // wider than the filter's own, but still worth something
         assert!((0.3..1.0).contains(&readout_off) && (0.5..1.0).contains(&hfov_off), "{start:?}");
-        assert!(matches!(start.lens_k1, Known::About(k1, off) if k1 == -0.08 && off >= 0.01), "{start:?}");
-        let given = Camera { readout_ms: Known::Exactly(20.0), ..Camera::default() };
+        assert!(matches!(start.lens_k1, Prior::Gaussian(k1, off) if k1 == -0.08 && off >= 0.01), "{start:?}");
+        let given = Camera { readout_ms: Prior::Fixed(20.0), ..Camera::default() };
         let mixed = store.begin(mode("A \"quoted\" name"), given);
-        assert_eq!((mixed.readout_ms, mixed.hfov_deg), (Known::Exactly(20.0), start.hfov_deg));
+        assert_eq!((mixed.readout_ms, mixed.hfov_deg), (Prior::Fixed(20.0), start.hfov_deg));
         for other in [
             mode("B"),
             CameraMode { fps: 15.0, ..mode("A \"quoted\" name") },
@@ -448,8 +449,9 @@ mod tests {
             store.begin(slow.clone(), Camera::default());
             store.end(&Calibration { readout_s, readout_deviation_s: 1e-3, ..SURE });
             let known = CalibrationStore::open(Some(scratch.path())).begin(slow.clone(), Camera::default());
-            assert!(known.hfov_deg != Known::Nothing, "{readout_s}: the rest is kept, and read");
-            let kept = matches!(known.readout_ms, Known::About(readout_ms, _) if (readout_ms - 1e3 * readout_s).abs() < 1e-6);
+            assert!(known.hfov_deg != Prior::Unknown, "{readout_s}: the rest is kept, and read");
+            let kept =
+                matches!(known.readout_ms, Prior::Gaussian(readout_ms, _) if (readout_ms - 1e3 * readout_s).abs() < 1e-6);
             assert_eq!(kept, is_kept, "{readout_s}: {known:?}");
         }
     }

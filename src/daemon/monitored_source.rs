@@ -101,7 +101,7 @@ impl MonitoredSource<'_> {
         let (frames, unusable) = self.heartbeat.stream_counts();
         self.watch_silence(now_ns, frames);
         self.watch_cuts(now_ns, frames);
-        self.say(now_ns, frames, unusable);
+        self.log_unusable(now_ns, frames, unusable);
         self.recovery.look(now_ns, frames, unusable)
     }
 
@@ -138,7 +138,7 @@ impl MonitoredSource<'_> {
     }
 
     /// Logs frames that cannot be used: a moment after the first, and when there are no others any more; then ever more rarely.
-    fn say(&mut self, now_ns: i64, frames: u64, unusable: u64) {
+    fn log_unusable(&mut self, now_ns: i64, frames: u64, unusable: u64) {
         let (notes, usable) = (&mut self.notes, frames.saturating_sub(unusable));
         if usable > notes.usable {
             (notes.usable, notes.usable_ns) = (usable, now_ns);

@@ -1,17 +1,17 @@
 //! What every step of the journey is told.
 
-use crate::stage::shutter::Known;
+use crate::stage::shutter::Prior;
 use crate::stage::{crop, detect, fit, shutter, smooth, track, warp};
 
 /// What is known of the camera's optics and sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Camera {
     /// Time from the exposure of the first row to that of the last (milliseconds, -100 to 100; negative: bottom to top).
-    pub readout_ms: Known,
+    pub readout_ms: Prior,
     /// Horizontal field of view (degrees, 10 to 170), as the focal length gives it where the lens does not bend.
-    pub hfov_deg: Known,
+    pub hfov_deg: Prior,
     /// The lens's radial distortion, k1 of [`crate::geometry::Pinhole`] (-0.35 to 0.35).
-    pub lens_k1: Known,
+    pub lens_k1: Prior,
 }
 
 impl Camera {

@@ -12,7 +12,7 @@ use crate::pipeline::Observer;
 /// Luma midway between rectangles and ground.
 const LEVEL: u8 = 125;
 /// Least width and height (pixels).
-const LEAST: usize = 16;
+const MIN: usize = 16;
 /// Part of an edge next to a corner that is not measured.
 const CORNER: f64 = 0.15;
 /// Maximum width of a kept picture (pixels).
@@ -74,7 +74,7 @@ fn parts(luma: PlaneRef<'_>) -> Vec<Extent> {
         }
         let Extent { left, right, top, bottom } = extent;
         let is_whole = left > 0 && top > 0 && right + 1 < width && bottom + 1 < height;
-        if is_whole && right - left >= LEAST && bottom - top >= LEAST {
+        if is_whole && right - left >= MIN && bottom - top >= MIN {
             parts.push(extent);
         }
     }

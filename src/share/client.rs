@@ -57,7 +57,7 @@ impl Client {
     ///
     /// # Errors
     /// Where it hung up, or says what this version does not understand.
-    pub fn hear(&self) -> io::Result<Option<Heard>> {
+    pub fn receive(&self) -> io::Result<Option<Heard>> {
         let mut bytes = [0u8; LONGEST];
         let len = match recv(&self.socket, &mut bytes, RecvFlags::DONTWAIT) {
             Ok((len, _)) => len,
@@ -80,7 +80,7 @@ impl Client {
     /// # Errors
     /// Where the daemon is gone or does not listen.
     pub fn watch(&self, on: bool, size: (u32, u32), camera: Option<BorrowedFd<'_>>) -> io::Result<()> {
-        self.say(&FromCompanion::Watch { wants: on.then_some(Kind::Output), size }.packet(), camera)
+        self.send(&FromCompanion::Watch { wants: on.then_some(Kind::Output), size }.packet(), camera)
     }
 
     /// Says that output, input and what is told of each frame are wanted ([`super::Pair`]); otherwise as [`Client::watch`].
@@ -88,7 +88,7 @@ impl Client {
     /// # Errors
     /// As [`Client::watch`].
     pub fn watch_both(&self, size: (u32, u32), camera: Option<BorrowedFd<'_>>) -> io::Result<()> {
-        self.say(&FromCompanion::Watch { wants: Some(Kind::Both), size }.packet(), camera)
+        self.send(&FromCompanion::Watch { wants: Some(Kind::Both), size }.packet(), camera)
     }
 
     /// Lends a memfd of a picture's size under a number that was not lent before.
@@ -96,7 +96,7 @@ impl Client {
     /// # Errors
     /// As [`Client::watch`].
     pub fn lend(&self, id: u64, memory: BorrowedFd<'_>) -> io::Result<()> {
-        self.say(&FromCompanion::Lend { id }.packet(), Some(memory))
+        self.send(&FromCompanion::Lend { id }.packet(), Some(memory))
     }
 
     /// Says that the piece of that number may be drawn into.
@@ -104,7 +104,7 @@ impl Client {
     /// # Errors
     /// As [`Client::watch`].
     pub fn free(&self, id: u64) -> io::Result<()> {
-        self.say(&FromCompanion::Free { id }.packet(), None)
+        self.send(&FromCompanion::Free { id }.packet(), None)
     }
 
     /// Says that the piece of that number is gone.
@@ -112,10 +112,10 @@ impl Client {
     /// # Errors
     /// As [`Client::watch`].
     pub fn revoke(&self, id: u64) -> io::Result<()> {
-        self.say(&FromCompanion::Revoke { id }.packet(), None)
+        self.send(&FromCompanion::Revoke { id }.packet(), None)
     }
 
-    fn say(&self, packet: &Packet, fd: Option<BorrowedFd<'_>>) -> io::Result<()> {
+    fn send(&self, packet: &Packet, fd: Option<BorrowedFd<'_>>) -> io::Result<()> {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
         let mut ancillary = SendAncillaryBuffer::new(&mut space);
         let fds: Vec<BorrowedFd<'_>> = fd.into_iter().collect();

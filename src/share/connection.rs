@@ -84,12 +84,12 @@ impl Connection {
         if other_camera {
             self.proven = false;
         }
-        self.say(&FromDaemon::Format(format.clone()));
+        self.send(&FromDaemon::Format(format.clone()));
         self.judge(Some(format));
     }
 
     /// A companion that does not read misses it.
-    fn say(&self, message: &FromDaemon) {
+    fn send(&self, message: &FromDaemon) {
         let _ = send(&self.lease.socket, message.packet().bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
     }
 
@@ -100,7 +100,7 @@ impl Connection {
     }
 
     /// Hears what it has to say. An error is the reason to end the connection.
-    pub(super) fn hear(
+    pub(super) fn handle_messages(
         &mut self,
         camera: Option<&CameraNode>,
         format: Option<&Format>,
@@ -179,9 +179,9 @@ impl Connection {
                 };
                 self.judge(format);
                 if self.waits_for_proof() {
-                    self.say(&FromDaemon::Refused(Refusal::Proof));
+                    self.send(&FromDaemon::Refused(Refusal::Proof));
                 } else if self.watched && !self.lease.live.load(Ordering::Relaxed) {
-                    self.say(&FromDaemon::Refused(Refusal::Size));
+                    self.send(&FromDaemon::Refused(Refusal::Size));
                 }
             }
             (FromCompanion::Lend { id }, Some(fd)) => {

@@ -284,7 +284,7 @@ impl Round<'_> {
         let mut gone = Vec::new();
         for (index, connection) in self.connections.iter_mut().enumerate() {
             let heard = ready.connections.get(index).copied().unwrap_or(false);
-            if heard && let Err(why) = connection.hear(camera, format, closing) {
+            if heard && let Err(why) = connection.handle_messages(camera, format, closing) {
                 gone.push((index, why));
             }
         }

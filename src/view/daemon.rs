@@ -232,7 +232,7 @@ impl PictureStream {
         backend.set_problem("waiting for the first picture".into());
         while !stop.is_set() && backend.preview.is_wanted(CLOSED) {
             self.wait();
-            while let Some(heard) = self.client.hear()? {
+            while let Some(heard) = self.client.receive()? {
                 match heard {
                     Heard::Format(format) => self.set_format(format, backend)?,
                     Heard::Frame { id, .. } => self.publish(id, backend)?,

@@ -22,7 +22,7 @@ use crate::pipeline::{Decoder, Observer, Params, Stabilizer};
 use crate::report::PairEncoder;
 use crate::rt::stop::Stop;
 use crate::share::FrameInfo;
-use crate::stage::shutter::Known;
+use crate::stage::shutter::Prior;
 
 /// Frames of this many seconds are processed before the first one that is shown.
 const RUN_IN_S: f64 = 2.0;
@@ -162,8 +162,8 @@ impl RecordingBackend {
         (player.error, player.settings_changed) = (None, false);
         let (mut params, estimated) = (player.settings.pipeline, player.calibration);
         if estimated.hfov_deg > 0.0 && estimated.hfov_deviation_deg < MAX_DEVIATION * estimated.hfov_deg {
-            let known = |configured: Known, value: f64, deviation: f64| {
-                if configured == Known::Nothing { Known::About(value, deviation) } else { configured }
+            let known = |configured: Prior, value: f64, deviation: f64| {
+                if configured == Prior::Unknown { Prior::Gaussian(value, deviation) } else { configured }
             };
             let camera = &mut params.camera;
             camera.hfov_deg = known(camera.hfov_deg, estimated.hfov_deg, estimated.hfov_deviation_deg);

@@ -7,12 +7,12 @@ use crate::geometry::{Calibration, Pinhole, Pose, RowMotion, RowPoses};
 use crate::image::PictureRef;
 use crate::pipeline::{Camera, Observer, Params, Reasons, run_inline};
 use crate::rt::stop::Stop;
-use crate::stage::shutter::{self, Known, Model, Pair, Shutter};
+use crate::stage::shutter::{self, Model, Pair, Prior, Shutter};
 
 use super::super::progress::Progress;
 
 /// Motion of the picture from one frame to the next below which the model learns next to nothing of the camera (pixels).
-pub(super) const LEAST_MOTION_PX: f64 = 0.65;
+pub(super) const MIN_MOTION_PX: f64 = 0.65;
 /// Readout times from which the search begins (frame intervals): the equations lead to the truth from within a third, and
 /// astray from farther away.
 const STARTS: [f64; 7] = [0.75, 0.4, 0.15, 0.0, -0.15, -0.4, -0.75];
@@ -73,7 +73,7 @@ pub(super) struct Answer {
     pub(super) misfit: f64,
     /// Root mean square motion of the picture's middle from frame to frame, pixels.
     pub(super) motion_px: f64,
-    /// Time in which it moved by at least [`LEAST_MOTION_PX`] a frame, seconds.
+    /// Time in which it moved by at least [`MIN_MOTION_PX`] a frame, seconds.
     pub(super) moving_s: f64,
 }
 
@@ -123,9 +123,9 @@ impl Footage {
     pub(super) fn answers(&self, start: Option<&Calibration>) -> (Answer, Option<Answer>) {
         let interval_s = self.interval_s();
         let starts = STARTS.map(|part| Camera {
-            readout_ms: Known::About(1e3 * part * interval_s, 1e3 * SPREAD.0 * interval_s),
-            hfov_deg: Known::Nothing,
-            lens_k1: Known::Nothing,
+            readout_ms: Prior::Gaussian(1e3 * part * interval_s, 1e3 * SPREAD.0 * interval_s),
+            hfov_deg: Prior::Unknown,
+            lens_k1: Prior::Unknown,
         });
         let mut answers: Vec<Answer> =
             starts.into_iter().chain(start.map(|camera| self.about(camera))).map(|start| self.answer(start)).collect();
@@ -157,9 +157,9 @@ impl Footage {
     /// What was found as a start: the value is used, its certainty is not, or the same frames would count twice.
     pub(super) fn about(&self, camera: &Calibration) -> Camera {
         Camera {
-            readout_ms: Known::About(1e3 * camera.readout_s, 1e3 * SPREAD.0 * self.interval_s()),
-            hfov_deg: Known::About(camera.hfov_deg, SPREAD.1),
-            lens_k1: Known::About(camera.lens_k1, SPREAD.2),
+            readout_ms: Prior::Gaussian(1e3 * camera.readout_s, 1e3 * SPREAD.0 * self.interval_s()),
+            hfov_deg: Prior::Gaussian(camera.hfov_deg, SPREAD.1),
+            lens_k1: Prior::Gaussian(camera.lens_k1, SPREAD.2),
         }
     }
 
@@ -181,7 +181,7 @@ impl Footage {
             let now = Rows { camera, rows, path: newest.path };
             let px = camera.focal * newest.motion[0].hypot(newest.motion[1]);
             squares += px * px;
-            moving_s += if px >= LEAST_MOTION_PX { pair.interval_s } else { 0.0 };
+            moving_s += if px >= MIN_MOTION_PX { pair.interval_s } else { 0.0 };
             if let Some(before) = before.replace(now) {
                 misfit += pair.tracks.iter().map(|track| now.misfit(&before, track)).sum::<f64>();
                 count += pair.tracks.len();

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use crate::config::{Kind, MAX_SHOWN, Origin, Settings, keys, shipped_file};
 use crate::stage::fit::Form;
-use crate::stage::shutter::Known;
+use crate::stage::shutter::Prior;
 
 fn read(text: &str) -> Result<Settings, String> {
     Settings::read(Some(("gimbald.toml", text)), &[]).map_err(|faults| faults.to_string())
@@ -42,7 +42,7 @@ fn the_command_line_wins_over_the_file() {
         &["crop.zoom=1.3".into(), "fit.form=general".into(), "camera.device=/dev/video2".into()],
     )
     .unwrap();
-    assert_eq!((settings.pipeline.crop.zoom, settings.pipeline.camera.readout_ms), (1.3, Known::Exactly(5.0)));
+    assert_eq!((settings.pipeline.crop.zoom, settings.pipeline.camera.readout_ms), (1.3, Prior::Fixed(5.0)));
     assert_eq!((settings.pipeline.fit.form, settings.camera.device.as_str()), (Form::General, "/dev/video2"));
 }
 

@@ -310,7 +310,7 @@ impl Capture {
     }
 
     /// Restarts the stream of a camera that gives nothing for long.
-    fn stir(&mut self) -> Result<(), DeviceError> {
+    fn restart_if_stalled(&mut self) -> Result<(), DeviceError> {
         let Some(stalled) = self.stall.look(monotonic_ns()) else { return Ok(()) };
         if stalled.is_new {
             tracing::warn!(camera = %self.path().display(), "{stalled}");
@@ -361,7 +361,7 @@ impl FrameSource for Capture {
                 break next;
             }
             let Some(events) = self.wait() else {
-                self.stir()?;
+                self.restart_if_stalled()?;
                 return Ok(Lent::Idle);
             };
             if events.contains(PollFlags::HUP) {

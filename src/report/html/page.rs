@@ -6,7 +6,7 @@ use super::sections::{begin, cost, end, fact, motion, path, remaining_shake, set
 use super::{MAX_BYTES, Report, inside};
 use crate::pipeline::{Params, Totals};
 use crate::report::Stats;
-use crate::stage::shutter::{Known, Model, Parameters};
+use crate::stage::shutter::{Model, Parameters, Prior};
 
 /// Bytes of the player without its pictures.
 const PLAYER_BYTES: usize = 2000;
@@ -15,7 +15,7 @@ const PLAYER_BYTES: usize = 2000;
 fn readout(report: &Report) -> String {
     let found = report.journal.samples.iter().rev().map(|sample| sample.calibration).find(|camera| camera.hfov_deg > 0.0);
     match (report.settings.pipeline.camera.readout_ms, found) {
-        (Known::Exactly(ms), _) => format!("a readout of {ms} ms"),
+        (Prior::Fixed(ms), _) => format!("a readout of {ms} ms"),
         (_, Some(camera)) => format!("an estimated readout of {:.1} ms", 1e3 * camera.readout_s),
         (_, None) => "an unknown readout".into(),
     }

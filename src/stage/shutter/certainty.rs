@@ -22,8 +22,8 @@ pub const LIMIT: (f64, f64, f64) = (0.1, 5.0, 0.05);
 const STUCK_DEG: f64 = 0.5;
 /// No readout takes longer than the frame interval (frame intervals); a little is left for error, and what the model looks for goes on
 /// beyond ([`LONGEST_READOUT`]), so that what got stuck at its edge is told from a readout that fills the interval.
-const MOST_READOUT: f64 = 1.05;
-const _: () = assert!(MOST_READOUT < LONGEST_READOUT);
+const MAX_READOUT: f64 = 1.05;
+const _: () = assert!(MAX_READOUT < LONGEST_READOUT);
 /// Where the edge begins at which the model may have got stuck (frame intervals).
 const EDGE: f64 = 0.99;
 
@@ -57,7 +57,7 @@ pub fn lens(found: &Calibration) -> Estimate {
 pub fn known_readout(found: &Calibration, interval_s: f64) -> Option<Estimate> {
     let estimate = readout(found, interval_s);
     let sure = found.readout_deviation_s > 0.0 && estimate.uncertainty <= LIMIT.0 * interval_s;
-    let longest = if found.hfov_deviation_deg > 0.0 && known_hfov(found).is_none() { EDGE } else { MOST_READOUT };
+    let longest = if found.hfov_deviation_deg > 0.0 && known_hfov(found).is_none() { EDGE } else { MAX_READOUT };
     (sure && estimate.value.abs() <= longest * interval_s).then_some(estimate)
 }
 

@@ -7,7 +7,7 @@
 
 use nalgebra::Matrix3;
 
-use super::{Ends, Known, Motion, Pair, Parameters};
+use super::{Motion, Pair, Parameters, Prior, RowSpan};
 use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, Zoom};
 
 /// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
@@ -15,7 +15,7 @@ use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, Zoom};
 const USUAL_READOUT: f64 = 0.85;
 const USUAL_HFOV_DEG: f64 = 60.0;
 /// A readout shorter than this part of the frame interval is a global shutter's.
-const LEAST_READOUT: f64 = 1e-6;
+const MIN_READOUT: f64 = 1e-6;
 
 /// eq. (8): takes a captured pixel to the undistorted frame, `D^-1 = [[H, -c, 0], [0, H - d, 0], [0, a - 1, H]]`.
 pub fn undistortion(motion: Zoom, rows: f64) -> Homography {
@@ -60,7 +60,7 @@ fn entries(h: &Homography) -> [f64; 6] {
 #[derive(Debug)]
 pub struct Cho2007 {
     parameters: Parameters,
-    readout: Known,
+    readout: Prior,
     hfov_deg: f64,
     height: f64,
     camera: Pinhole,
@@ -70,7 +70,7 @@ pub struct Cho2007 {
 
 impl Cho2007 {
     /// A model that has seen nothing.
-    pub fn new(parameters: Parameters, readout: Known, hfov: Known) -> Self {
+    pub fn new(parameters: Parameters, readout: Prior, hfov: Prior) -> Self {
         let (hfov_deg, _) = hfov.or(USUAL_HFOV_DEG, 0.0);
         Self { parameters, readout, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
     }
@@ -94,7 +94,7 @@ impl Cho2007 {
     pub fn observe(&mut self, pair: &Pair<'_>) {
         let interval_s = pair.interval_s;
         let part = self.readout.or(USUAL_READOUT * interval_s, 0.0).0 / interval_s;
-        let rows = self.height / if part.abs() < LEAST_READOUT { LEAST_READOUT } else { part };
+        let rows = self.height / if part.abs() < MIN_READOUT { MIN_READOUT } else { part };
         let confidence = pair.fit.confidence;
         let believe = |zoom: Option<Zoom>| zoom.unwrap_or_default().part(confidence.sqrt());
         let motion = believe(time_t(&pair.fit.homography, rows));
@@ -113,7 +113,7 @@ impl Cho2007 {
             motion: parameters(motion),
             path: parameters(path),
             confidence,
-            ends: Ends { first: parameters(path), last: parameters(path), ..Ends::default() },
+            ends: RowSpan { first: parameters(path), last: parameters(path), ..RowSpan::default() },
             rows_part: 1.0,
         };
         self.known = [reference, newest];
@@ -159,7 +159,7 @@ fn rest(rows: f64) -> Motion {
         rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows },
         motion: still,
         path: still,
-        ends: Ends { first: still, last: still, ..Ends::default() },
+        ends: RowSpan { first: still, last: still, ..RowSpan::default() },
         confidence: 1.0,
         rows_part: 1.0,
     }

@@ -42,46 +42,46 @@ pub struct Params {
     pub parameters: Parameters,
 }
 
-/// What is known of one of the camera's constants.
+/// What is known beforehand of one of the camera's constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Known {
-    /// Nothing: to be found out.
+pub enum Prior {
+    /// Nothing is known: it is estimated.
     #[default]
-    Nothing,
-    /// About this, give or take a standard deviation: to be found out better.
-    About(f64, f64),
-    /// Exactly this.
-    Exactly(f64),
+    Unknown,
+    /// A mean and its standard deviation: the estimate starts from them.
+    Gaussian(f64, f64),
+    /// Exactly this: nothing is estimated.
+    Fixed(f64),
 }
 
-impl Known {
+impl Prior {
     /// Value and standard deviation; those given where nothing is known.
     pub fn or(self, value: f64, deviation: f64) -> (f64, f64) {
         match self {
-            Self::Nothing => (value, deviation),
-            Self::About(value, deviation) => (value, deviation),
-            Self::Exactly(value) => (value, 0.0),
+            Self::Unknown => (value, deviation),
+            Self::Gaussian(value, deviation) => (value, deviation),
+            Self::Fixed(value) => (value, 0.0),
         }
     }
 
     /// The same in another unit.
     pub fn scaled(self, factor: f64) -> Self {
         match self {
-            Self::Nothing => Self::Nothing,
-            Self::About(value, deviation) => Self::About(value * factor, deviation * factor.abs()),
-            Self::Exactly(value) => Self::Exactly(value * factor),
+            Self::Unknown => Self::Unknown,
+            Self::Gaussian(value, deviation) => Self::Gaussian(value * factor, deviation * factor.abs()),
+            Self::Fixed(value) => Self::Fixed(value * factor),
         }
     }
 }
 
 /// As logs and reports have it: with one digit after the point unless they ask for more.
-impl std::fmt::Display for Known {
+impl std::fmt::Display for Prior {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let digits = f.precision().unwrap_or(1);
         match self {
-            Self::Nothing => f.write_str("unknown"),
-            Self::About(value, deviation) => write!(f, "{value:.digits$} ± {deviation:.digits$}"),
-            Self::Exactly(value) => write!(f, "{value:.digits$}"),
+            Self::Unknown => f.write_str("unknown"),
+            Self::Gaussian(value, deviation) => write!(f, "{value:.digits$} ± {deviation:.digits$}"),
+            Self::Fixed(value) => write!(f, "{value:.digits$}"),
         }
     }
 }
@@ -90,11 +90,11 @@ impl std::fmt::Display for Known {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Optics {
     /// In how many seconds it reads a frame's rows; negative from bottom to top.
-    pub readout_s: Known,
+    pub readout_s: Prior,
     /// How many degrees it sees from left to right.
-    pub hfov_deg: Known,
+    pub hfov_deg: Prior,
     /// The lens's k1 ([`crate::geometry::Pinhole`]).
-    pub lens_k1: Known,
+    pub lens_k1: Prior,
 }
 
 /// What a pair of frames, the reference and the newest, showed.
@@ -114,7 +114,7 @@ pub struct Pair<'a> {
 
 /// The camera's path where the reading of a frame's rows begins and ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ends<T> {
+pub struct RowSpan<T> {
     /// At the first row, and at the last.
     pub first: T,
     /// See `first`.
@@ -127,11 +127,11 @@ pub struct Ends<T> {
     pub interval_s: f64,
 }
 
-impl<T> Ends<T> {
+impl<T> RowSpan<T> {
     /// The same path, written otherwise.
-    pub fn map<U>(self, mut f: impl FnMut(T) -> U) -> Ends<U> {
+    pub fn map<U>(self, mut f: impl FnMut(T) -> U) -> RowSpan<U> {
         let Self { first, last, last_before, half_s, interval_s } = self;
-        Ends { first: f(first), last: f(last), last_before: f(last_before), half_s, interval_s }
+        RowSpan { first: f(first), last: f(last), last_before: f(last_before), half_s, interval_s }
     }
 }
 
@@ -145,7 +145,7 @@ pub struct Motion {
     /// The camera's path at the frame's reference time, the model's own four parameters.
     pub path: [f64; 4],
     /// The same where the reading of the frame begins and ends.
-    pub ends: Ends<[f64; 4]>,
+    pub ends: RowSpan<[f64; 4]>,
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
     /// The part of the rows' motion that is to be undone, 0 to 1.

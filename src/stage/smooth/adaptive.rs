@@ -17,7 +17,7 @@ const TRIPOD_HZ: f64 = 30.0;
 
 /// One channel of the virtual camera.
 #[derive(Clone, Debug, Default)]
-pub struct Drive {
+pub struct Controller {
     /// In the path's units, and ticks.
     motion: Motion,
     /// Length of these ticks, seconds.
@@ -26,7 +26,7 @@ pub struct Drive {
 
 /// What a step is made in.
 #[derive(Clone, Copy, Debug)]
-pub struct Circumstances {
+pub struct StepInput {
     /// The camera's place.
     pub camera: f64,
     /// Seconds since the step before.
@@ -43,19 +43,19 @@ pub struct Circumstances {
     pub hold: f64,
 }
 
-impl Drive {
+impl Controller {
     /// The virtual camera stands at `place`.
     pub fn begin(&mut self, place: f64) {
         *self = Self { motion: Motion { place, ticks: 1.0, ..Motion::default() }, tick_s: 0.0 };
     }
 
     /// The virtual camera's place.
-    pub fn step(&mut self, tuning: &Tuning, forecast: &Forecast, at: &Circumstances) -> f64 {
-        let Circumstances { camera, interval_s, known_s, limit, now, later, hold } = *at;
+    pub fn step(&mut self, tuning: &Tuning, forecast: &Forecast, at: &StepInput) -> f64 {
+        let StepInput { camera, interval_s, known_s, limit, now, later, hold } = *at;
         self.keep_time(forecast.tick_s(), interval_s);
         let ticks = interval_s / self.tick_s;
-        let unforeseen = part(forecast.surprise() / limit, tuning.foreseen_to, tuning.unforeseen_from);
-        let between = |a: f64, b: f64| a + unforeseen * (b - a);
+        let unpredictable = part(forecast.forecast_error() / limit, tuning.foreseen_to, tuning.unforeseen_from);
+        let between = |a: f64, b: f64| a + unpredictable * (b - a);
         let doubt = between(tuning.doubt, tuning.doubt_unforeseen);
         let share = between(tuning.later, tuning.later_unforeseen);
         let share = share + hold * (1.0 - share);
@@ -81,7 +81,7 @@ impl Drive {
         let place = camera + (planned - camera).clamp(now[0], now[1]);
         let mut speed = (place - self.motion.place) / ticks;
         if place != planned {
-            speed = held_back(speed, camera - place);
+            speed = limited_speed(speed, camera - place);
         }
         let acceleration = (speed - self.motion.speed) / (0.5 * (ticks + before));
         self.motion = Motion { place, speed, acceleration, ticks };
@@ -89,10 +89,10 @@ impl Drive {
     }
 
     /// The virtual camera had to be set back by `slip`, while the camera is at `camera`; it goes on at the speed that this gave it.
-    pub fn slipped(&mut self, slip: f64, camera: f64) {
+    pub fn was_set_back(&mut self, slip: f64, camera: f64) {
         self.motion.place += slip;
         if slip != 0.0 {
-            self.motion.speed = held_back(self.motion.speed + slip / self.motion.ticks, camera - self.motion.place);
+            self.motion.speed = limited_speed(self.motion.speed + slip / self.motion.ticks, camera - self.motion.place);
         }
     }
 
@@ -123,7 +123,7 @@ fn part(value: f64, none: f64, all: f64) -> f64 {
 }
 
 /// However hard the edge of the window pushed, the camera may stop now: no speed that would carry past it before it is braked.
-fn held_back(speed: f64, way: f64) -> f64 {
+fn limited_speed(speed: f64, way: f64) -> f64 {
     let most = way.abs() / CATCH_UP_TICKS;
     if speed * way > 0.0 { speed.clamp(-most, most) } else { speed }
 }

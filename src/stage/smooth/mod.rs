@@ -14,9 +14,9 @@ mod tuning;
 use std::f64::consts::TAU;
 
 use super::crop::{Bounds, Rows};
-use super::shutter::Ends;
+use super::shutter::RowSpan;
 use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM};
-use adaptive::Circumstances;
+use adaptive::StepInput;
 use forecast::Forecast;
 pub use tuning::Tuning;
 
@@ -94,7 +94,7 @@ struct Channel {
     /// Where the camera goes.
     forecast: Forecast,
     /// The adaptive drive, and whether it moved the place last.
-    drive: adaptive::Drive,
+    drive: adaptive::Controller,
     driven: bool,
     /// The paper's filter, and the part of its correction that the window allows.
     filter: iir::LowPass,
@@ -113,7 +113,7 @@ impl Smoother {
             camera: 0.0,
             place: 0.0,
             forecast: Forecast::new(),
-            drive: adaptive::Drive::default(),
+            drive: adaptive::Controller::default(),
             driven: false,
             filter: iir::LowPass::default(),
             gain: 1.0,
@@ -141,7 +141,7 @@ impl Smoother {
     }
 
     /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends` where the frame's rows began and ended.
-    pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: Ends<Pose>) {
+    pub fn observe(&mut self, camera: Pose, interval_s: f64, ends: RowSpan<Pose>) {
         for (c, channel) in self.channels.iter_mut().enumerate() {
             let unit = if self.params.mode == Mode::Adaptive { self.limit[c] } else { 0.0 };
             let ends = ends.map(|end| end[c]);
@@ -187,22 +187,20 @@ impl Smoother {
             if interval_s > 0.0 {
                 match self.params.mode {
                     Mode::Adaptive => {
-                        channel.drive(
-                            &self.tuning,
-                            Circumstances { camera: camera[c], interval_s, known_s, limit, now, later, hold },
-                        );
+                        channel
+                            .drive(&self.tuning, StepInput { camera: camera[c], interval_s, known_s, limit, now, later, hold });
                     }
                     Mode::Iir => channel.filter(self.params.cutoff_hz, before, interval_s, later),
                 }
             }
             let held = channel.camera + channel.correction().clamp(now[0], now[1]);
-            channel.slip(held - channel.place);
+            channel.set_back(held - channel.place);
         }
         // the channels were held back one by one, each for what the others were: together they may still be too much
         let crop_use = bounds.crop_use(&self.correction());
         if crop_use > 1.0 - 0.5 * SPARE {
             for channel in &mut self.channels {
-                channel.slip(channel.correction() * ((1.0 - SPARE) / crop_use - 1.0));
+                channel.set_back(channel.correction() * ((1.0 - SPARE) / crop_use - 1.0));
             }
         }
         std::array::from_fn(|c| self.channels[c].place)
@@ -238,14 +236,14 @@ impl Channel {
     }
 
     /// The place is held back by `slip`.
-    fn slip(&mut self, slip: f64) {
+    fn set_back(&mut self, slip: f64) {
         self.place += slip;
         if self.driven {
-            self.drive.slipped(slip, self.camera);
+            self.drive.was_set_back(slip, self.camera);
         }
     }
 
-    fn drive(&mut self, tuning: &Tuning, at: Circumstances) {
+    fn drive(&mut self, tuning: &Tuning, at: StepInput) {
         if self.forecast.tick_s() == 0.0 {
             return;
         }

@@ -15,7 +15,7 @@ fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f6
 
 /// A frame that is placed as soon as it is seen.
 fn step(smoother: &mut Smoother, camera: Pose, interval_s: f64, bounds: &Bounds) -> Pose {
-    smoother.observe(camera, interval_s, Ends::default());
+    smoother.observe(camera, interval_s, RowSpan::default());
     smoother.step(camera, interval_s, 0.0, bounds)
 }
 
@@ -98,7 +98,7 @@ fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose)
     (0..count)
         .map(|k| {
             while seen < count && seen <= k + late {
-                smoother.observe(path(seen as f64 / rate), interval(seen), Ends::default());
+                smoother.observe(path(seen as f64 / rate), interval(seen), RowSpan::default());
                 seen += 1;
             }
             let camera = path(k as f64 / rate);

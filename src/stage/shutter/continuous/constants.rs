@@ -5,7 +5,7 @@ use super::batch::Said;
 use super::flow::Flow;
 use super::globals::Globals;
 use super::normal::G;
-use super::{Continuous, LEAST_WEIGHT, dot};
+use super::{Continuous, MIN_WEIGHT, dot};
 use crate::geometry::{Calibration, Pinhole, Pose, hypot};
 
 /// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals).
@@ -83,10 +83,10 @@ impl Continuous {
         (2.0 * half / (1.0 + half * half)).to_degrees()
     }
 
-    /// Where the readout time (seconds) can be, by the [`Slope`].
-    fn first_look(&self) -> [f64; 2] {
+    /// Where the readout time (seconds) can be, by the [`ReadoutSearch`].
+    fn initial_range(&self) -> [f64; 2] {
         let most = LONGEST_READOUT * self.interval_s;
-        self.slope.readout().map_or([-most, most], |(readout, deviation)| {
+        self.readout_search.readout().map_or([-most, most], |(readout, deviation)| {
             let off = LOOK_DEVIATIONS * hypot(deviation, LOOK_FLOOR * self.interval_s + LOOK_SHARE * readout.abs());
             // a look that sees little rules out little
             let off = if off > LOOK_BLIND * self.interval_s { LOOK_DOUBT * off } else { off };
@@ -133,7 +133,7 @@ impl Continuous {
         let focal = |hfov_deg: f64| 0.5 * width / (0.5 * hfov_deg.to_radians()).tan();
         // never outside of what cameras are and of what the first look says, and never far at once
         let interval_s = self.interval_s;
-        let [least_s, most_s] = self.first_look();
+        let [least_s, most_s] = self.initial_range();
         if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
             return self.restart_search(0.5 * (least_s + most_s));
         }
@@ -184,7 +184,7 @@ impl Continuous {
     /// The rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures carry it.
     pub(super) fn glide(&mut self) {
         let believed_s = self.calibration.readout_s;
-        let goal_s = if self.unknown[0] { self.slope.drawn(believed_s) } else { believed_s };
+        let goal_s = if self.unknown[0] { self.readout_search.drawn(believed_s) } else { believed_s };
         self.drawn_s += GLIDE * (goal_s - self.drawn_s);
     }
 
@@ -219,7 +219,7 @@ impl Continuous {
             let rows = [tracks[i].from[1], tracks[i].to[1]];
             let by_global = self.by_global(i, &said, rows).map(|pixels| pixels.map(|value| share * value));
             self.batch.set_globals(index, &sight.derivative, &by_global);
-            if self.weights[i] > LEAST_WEIGHT {
+            if self.weights[i] > MIN_WEIGHT {
                 let information = self.information[i] * self.weights[i];
                 for (g, [gx, gy]) in by_global.iter().enumerate() {
                     for (h, [hx, hy]) in by_global.iter().enumerate() {

@@ -11,11 +11,11 @@ use crate::geometry::Pose;
 use crate::kernel::normal::{CURVE, POINTS, Sums};
 
 /// Control points held at a time, at most.
-pub const MOST_POINTS: usize = (N - FLOWS) / 4;
+pub const MAX_POINTS: usize = (N - FLOWS) / 4;
 
 /// How uncertain motion is before it is measured.
 #[derive(Clone, Copy, Debug)]
-pub struct Prior {
+pub struct MotionPrior {
     /// Standard deviation of each parameter's acceleration averaged over 1/120 s, units / s^2.
     pub acceleration: Pose,
     /// Of its jerk, likewise, units / s^3: what tells shake from motion that repeats with every frame, which nothing can measure.
@@ -37,14 +37,14 @@ pub struct Place {
 #[derive(Debug)]
 pub struct Filter {
     spacing_s: f64,
-    prior: Prior,
+    prior: MotionPrior,
     /// Number of the first control point held.
     first: i64,
     points: usize,
     /// How many of them, the last ones, were added since the last [`Filter::accept`]; their prior can still be eased.
     fresh: usize,
     /// Factors on the information of each fresh point's prior: of acceleration and jerk.
-    ease: [[Pose; 2]; MOST_POINTS],
+    ease: [[Pose; 2]; MAX_POINTS],
     /// Factors on the deviations of acceleration and jerk that the prior allows: what this camera's motion is like.
     spread: [Pose; 2],
     /// Information without, and with the measurements that are being weighed.
@@ -62,21 +62,21 @@ const LEARN_S: f64 = 2.0;
 /// Mean square of the path's acceleration and jerk, in standard deviations of the prior, where the prior is right: less than 1, as
 /// the path is drawn towards it; the most of one point that counts; and how far the deviations may go from the first ones.
 const USUAL_SQUARE: f64 = 0.7;
-const MOST_NEWS: f64 = 9.0;
+const MAX_NEWS: f64 = 9.0;
 const SPREAD: [f64; 2] = [0.7, 4.0];
 /// Standard deviation to which the first control points are held: the path's origin is free to choose.
 const PIN: f64 = 1e-4;
 
 impl Filter {
     /// A filter without control points, for points `spacing_s` seconds apart.
-    pub fn new(spacing_s: f64, prior: Prior) -> Self {
+    pub fn new(spacing_s: f64, prior: MotionPrior) -> Self {
         Self {
             spacing_s,
             prior,
             first: 0,
             points: 0,
             fresh: 0,
-            ease: [[[1.0; 4]; 2]; MOST_POINTS],
+            ease: [[[1.0; 4]; 2]; MAX_POINTS],
             spread: [[1.0; 4]; 2],
             base: Box::new(Normal::new()),
             full: Box::new(Normal::new()),
@@ -206,7 +206,7 @@ impl Filter {
     /// filter must restart.
     pub fn extend_to(&mut self, time_s: f64) -> bool {
         let last = self.place(time_s).first + 3;
-        if last - self.first >= MOST_POINTS as i64 || self.points < 2 {
+        if last - self.first >= MAX_POINTS as i64 || self.points < 2 {
             return false;
         }
         while self.first + (self.points as i64) <= last {
@@ -241,7 +241,7 @@ impl Filter {
         let n = self.unknowns();
         let mean = &self.solution.path;
         self.push(std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
-        if self.fresh < MOST_POINTS {
+        if self.fresh < MAX_POINTS {
             self.ease[self.fresh] = [[1.0; 4]; 2];
             self.fresh += 1;
         }
@@ -311,7 +311,7 @@ impl Filter {
         let news = 1.0 - (-seconds / LEARN_S).exp();
         for kind in 0..2 {
             for c in 0..4 {
-                let squares = (0..self.fresh).filter_map(|i| self.bent(i, c)[kind]).map(|z| (z * z).min(MOST_NEWS));
+                let squares = (0..self.fresh).filter_map(|i| self.bent(i, c)[kind]).map(|z| (z * z).min(MAX_NEWS));
                 let (sum, count) = squares.fold((0.0, 0u32), |(sum, count), square| (sum + square, count + 1));
                 if count > 0 {
                     let off = sum / f64::from(count) / USUAL_SQUARE - 1.0;
@@ -467,7 +467,7 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         };
-        let prior = Prior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
+        let prior = MotionPrior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
         let mut filter = Filter::new(0.01, prior);
         filter.restart(1.0, [0.0; 4], 0.01);
         assert!(filter.extend_to(1.12));

@@ -17,7 +17,7 @@
 //! scene stands still. Two things do:
 //!
 //! - The prior says that phi is nothing in most rows: each value has a variance of its own that follows the mean square of
-//!   what was found of it (automatic relevance determination), but at least that of [`LEAST_PX`].
+//!   what was found of it (automatic relevance determination), but at least that of [`MIN_PX`].
 //! - The rows that flow least hold the path: `sum_j h_j phi_j = 0`, with weights h_j that fall with the flow that was found and grow with the
 //!   tracks ([`Flow::holds`]). Without it nothing holds the path where all rows flow (a near scene, a camera that walks towards it).
 //!
@@ -32,7 +32,7 @@ use crate::geometry::Pose;
 pub const BINS: usize = 6;
 /// Standard deviation of what flows where nothing seems to, pixels / s: the turns' at the principal point, the others' at the picture's
 /// side.
-const LEAST_PX: f64 = 0.1;
+const MIN_PX: f64 = 0.1;
 /// What is added to it at the beginning, where travel may be under way: to the zoom's, and to the turns' where the readout time is to
 /// be found, for which flow must not be mistaken. Its variance fades with [`FIRST_S`].
 const FIRST_ZOOM_PX: f64 = 5.0;
@@ -95,7 +95,7 @@ impl Flow {
         let (zoom, channel) = (k - k % 4 + ZOOM, k % 4);
         let turns = channel < 2;
         let found = if turns { self.found(k).max(BY_ZOOM * BY_ZOOM * self.found(zoom)) } else { self.found(k) };
-        self.pixel[channel] * (MORE * found).max(LEAST_PX * LEAST_PX) + self.first[channel]
+        self.pixel[channel] * (MORE * found).max(MIN_PX * MIN_PX) + self.first[channel]
     }
 
     /// How much is kept of value `k` after `seconds`, and the variance of what is new.
@@ -174,15 +174,13 @@ mod tests {
         let (focal, half) = (500.0, 320.0);
         let mut flow = Flow::new(focal, half, false);
         let deviation = |flow: &Flow, k: usize| (flow.variance(k) / flow.pixel[k % 4]).sqrt();
-        assert!((deviation(&flow, 0) - LEAST_PX).abs() < 1e-9);
+        assert!((deviation(&flow, 0) - MIN_PX).abs() < 1e-9);
         assert!(deviation(&flow, 3) > FIRST_ZOOM_PX);
         assert!(deviation(&Flow::new(focal, half, true), 1) > FIRST_TURN_PX);
         let mut found = [0.0; FLOWS];
         found[4 + ZOOM] = 60.0 / half;
         (0..200).for_each(|_| flow.learn(&found, 1.0 / 30.0));
-        for (k, wanted) in
-            [(0, LEAST_PX), (3, LEAST_PX), (4, MORE.sqrt() * BY_ZOOM * 60.0), (6, LEAST_PX), (7, MORE.sqrt() * 60.0)]
-        {
+        for (k, wanted) in [(0, MIN_PX), (3, MIN_PX), (4, MORE.sqrt() * BY_ZOOM * 60.0), (6, MIN_PX), (7, MORE.sqrt() * 60.0)] {
             assert!((deviation(&flow, k) - wanted).abs() < 1e-3 * wanted.max(1.0), "{k}: {}", deviation(&flow, k));
         }
         let (keep, variance) = flow.drift(7, 100.0);

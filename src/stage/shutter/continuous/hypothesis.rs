@@ -40,7 +40,7 @@ pub struct Sight {
 }
 
 /// Gives each track its say: cells share weight nearly evenly, and `background` says how surely each track was background before.
-pub fn share_out(tracks: &[Track], size: [usize; 2], background: impl Fn(usize) -> f64, sights: &mut [Sight]) {
+pub fn distribute_weights(tracks: &[Track], size: [usize; 2], background: impl Fn(usize) -> f64, sights: &mut [Sight]) {
     let mut counts = [0u32; CELLS[0] * CELLS[1]];
     let cell = |track: &Track| {
         let part = |i: usize| ((track.to[i] / size[i] as f64 * CELLS[i] as f64).max(0.0) as usize).min(CELLS[i] - 1);

@@ -25,59 +25,59 @@ mod hypothesis;
 mod normal;
 mod slope;
 
-use super::{Ends, Motion, Optics, Pair};
+use super::{Motion, Optics, Pair, RowSpan};
 use crate::geometry::{Calibration, Homography, OutputMap, Pinhole, Pose, RowMotion, RowPoses, hypot};
 use agreement::{Agreement, Compared};
 use batch::{Batch, Said};
 pub use constants::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
 use constants::{LOOK_LEAST_PX, USUAL_HFOV_DEG};
-use filter::{Filter, MOST_POINTS, Prior};
+use filter::{Filter, MAX_POINTS, MotionPrior};
 use flow::Row;
 use globals::{Globals, Unevenness};
 use hypothesis::Sight;
 use normal::G;
-use slope::Slope;
+use slope::ReadoutSearch;
 
 /// Control points to a frame interval.
 const POINTS_PER_FRAME: f64 = 4.0;
 /// Control points are no closer (seconds): hands and desks do not shake above some 30 Hz.
-const LEAST_SPACING_S: f64 = 0.007;
+const MIN_SPACING_S: f64 = 0.007;
 /// Before anything is measured. Cameras turn but hardly zoom: what magnifies is mostly travel, which is the flow's.
-const PRIOR: Prior =
-    Prior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
+const PRIOR: MotionPrior =
+    MotionPrior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
 /// Part of a known interval that it may be off by, at most: a stamp that is later by several frames is a late stamp.
-const MOST_OFF: f64 = 0.35;
+const MAX_OFF: f64 = 0.35;
 /// Rounds of weighing, at most and at least; one that changes less than this part of the weights is the last.
 const ROUNDS: usize = 4;
-const LEAST_ROUNDS: usize = 2;
+const MIN_ROUNDS: usize = 2;
 const SETTLED: f64 = 0.02;
 /// Least scale of the robust weights, pixels.
-const LEAST_SCALE_PX: f64 = 0.5;
+const MIN_SCALE_PX: f64 = 0.5;
 /// A track of less weight is left out.
-const LEAST_WEIGHT: f64 = 1e-3;
+const MIN_WEIGHT: f64 = 1e-3;
 /// A track's place is off by more than its own difference and texture say, as all are alike: by blur and by what is no rotation.
 /// Standard deviation of that (pixels), at least and at most; how fast what is found of it is believed.
 const COMMON_SIGMA_PX: [f64; 2] = [0.03, 0.5];
 const COMMON_NEWS: f64 = 0.1;
 /// A track's own standard deviation is never taken for more, pixels.
-const MOST_SIGMA_PX: f64 = 2.0;
+const MAX_SIGMA_PX: f64 = 2.0;
 /// Say of a track that never agreed with the camera, against 1 of one that always did.
-const LEAST_SAY: f64 = 0.05;
+const MIN_FOREGROUND_WEIGHT: f64 = 0.05;
 /// Standard deviations of the motion between two frames up to which it is believed, and from which not at all (pixels).
 const DOUBTFUL_PX: [f64; 2] = [0.5, 2.0];
 /// Part of the motion from one frame to the next that is expected to go on while nothing is seen.
 const KEPT_MOTION: f64 = 0.5;
 /// Inliers up to which a motion is not believed at all, and from which wholly.
-const LEAST_INLIERS: [f64; 2] = [6.0, 30.0];
+const MIN_INLIERS: [f64; 2] = [6.0, 30.0];
 /// The same after frames of which nothing was believed, as a part of the usual number; seconds for which more are asked.
 const WARY_SHARES: [f64; 2] = [0.1, 0.3];
 const WARY_S: f64 = 0.3;
 /// How fast the usual number of inliers is followed, frame by frame.
 const USUAL_NEWS: f64 = 0.05;
 /// Tracks below which nothing is estimated.
-const LEAST_TRACKS: usize = 10;
+const MIN_TRACKS: usize = 10;
 /// Tracks looked at, at most.
-const MOST_TRACKS: usize = 4096;
+const MAX_TRACKS: usize = 4096;
 
 /// The model's state.
 #[derive(Debug)]
@@ -109,7 +109,7 @@ pub struct Continuous {
     globals: Globals,
     unevenness: Unevenness,
     agreement: Agreement,
-    slope: Slope,
+    readout_search: ReadoutSearch,
     /// The readout time that the rows are drawn by, seconds: it glides to what is believed.
     drawn_s: f64,
     /// How the path's mean over [`constants::ANCHOR_S`] depends on the globals.
@@ -137,19 +137,19 @@ impl Continuous {
             now_s: 0.0,
             interval_s: 0.0,
             timed: None,
-            sights: Vec::with_capacity(MOST_TRACKS),
-            batch: Batch::new(MOST_TRACKS),
-            information: Vec::with_capacity(MOST_TRACKS),
-            weights: Vec::with_capacity(MOST_TRACKS),
-            scale_px: LEAST_SCALE_PX,
+            sights: Vec::with_capacity(MAX_TRACKS),
+            batch: Batch::new(MAX_TRACKS),
+            information: Vec::with_capacity(MAX_TRACKS),
+            weights: Vec::with_capacity(MAX_TRACKS),
+            scale_px: MIN_SCALE_PX,
             common: COMMON_SIGMA_PX[0].powi(2),
             random: seed,
             unknown: [false; G],
-            effects: Vec::with_capacity(MOST_TRACKS),
+            effects: Vec::with_capacity(MAX_TRACKS),
             globals: Globals::default(),
             unevenness: Unevenness::default(),
             agreement: Agreement::default(),
-            slope: Slope::default(),
+            readout_search: ReadoutSearch::default(),
             drawn_s: 0.0,
             anchor: [[0.0; 4]; G],
             pairs: 0,
@@ -160,7 +160,7 @@ impl Continuous {
                 rows: RowMotion::default(),
                 motion: [0.0; 4],
                 path: [0.0; 4],
-                ends: Ends::default(),
+                ends: RowSpan::default(),
                 confidence: 1.0,
                 rows_part: 1.0,
             },
@@ -175,11 +175,11 @@ impl Continuous {
         self.calibration = Calibration::default();
         self.now_s = 0.0;
         self.interval_s = 0.0;
-        self.scale_px = LEAST_SCALE_PX;
+        self.scale_px = MIN_SCALE_PX;
         self.common = COMMON_SIGMA_PX[0].powi(2);
         self.unevenness = Unevenness::default();
         self.agreement = Agreement::default();
-        self.slope = Slope::default();
+        self.readout_search = ReadoutSearch::default();
         self.drawn_s = 0.0;
         self.anchor = [[0.0; 4]; G];
         self.restarting = false;
@@ -188,7 +188,7 @@ impl Continuous {
             rows: self.rows(|_| [0.0; 4]),
             motion: [0.0; 4],
             path: [0.0; 4],
-            ends: Ends::default(),
+            ends: RowSpan::default(),
             confidence: 1.0,
             rows_part: 1.0,
         };
@@ -219,7 +219,7 @@ impl Continuous {
     /// Gives the path control points for a pair that began at `before_s`, as far as its rows are to be drawn; restarts the path where the
     /// interval changed or the rows were timed by a readout that was far off. Gives the time of the newest frame's last row.
     fn extend(&mut self, before_s: f64, pair: &Pair<'_>) -> f64 {
-        let wanted = (pair.interval_s / POINTS_PER_FRAME).max(LEAST_SPACING_S);
+        let wanted = (pair.interval_s / POINTS_PER_FRAME).max(MIN_SPACING_S);
         let changed = self.interval_s == 0.0 || !(0.6..1.6).contains(&(wanted / self.filter.spacing_s()));
         let restarting = std::mem::take(&mut self.restarting);
         let restarted = restarting || changed && (self.interval_s == 0.0 || pair.interval_s > 0.0);
@@ -231,7 +231,7 @@ impl Continuous {
         let longest_s = self.calibration.readout_s.abs().max(self.drawn_s.abs());
         let drawn_to_s = self.now_s + self.middle() + 0.5 * longest_s;
         if restarted || !self.filter.extend_to(drawn_to_s) {
-            let spacing = wanted.max((pair.interval_s + 2.0 * longest_s) / (MOST_POINTS - 8) as f64);
+            let spacing = wanted.max((pair.interval_s + 2.0 * longest_s) / (MAX_POINTS - 8) as f64);
             self.filter.restart(before_s, self.newest.path, spacing);
             if restarting {
                 self.filter.forget_globals();
@@ -256,11 +256,11 @@ impl Continuous {
             self.filter.pin(self.now_s + self.middle(), rest);
             self.filter.start_trial();
             self.filter.solve();
-            self.slope.interrupt();
+            self.readout_search.interrupt();
             self.wary = 1.0;
         } else {
             self.wary *= (-pair.interval_s / WARY_S).exp();
-            self.hear(pair.tracks, before_s);
+            self.collect_tracks(pair.tracks, before_s);
             self.filter.learn_prior(pair.interval_s);
             self.filter.learn_flow(pair.interval_s);
         }
@@ -269,7 +269,7 @@ impl Continuous {
         let by_row_s = self.drawn_s / self.size[1] as f64;
         let middle_row = 0.5 * self.size[1] as f64;
         let rows = self.rows(|y| subtract(self.filter.pose(reference_s + by_row_s * (y - middle_row)), path));
-        let ends = Ends {
+        let ends = RowSpan {
             first: self.filter.pose(self.now_s),
             last: self.filter.pose(last_s),
             last_before: self.filter.pose(last_s - pair.interval_s),
@@ -286,7 +286,7 @@ impl Continuous {
     }
 
     /// Asks the pictures whether the rows moved as the path says.
-    fn hear(&mut self, tracks: &[crate::frame::Track], before_s: f64) {
+    fn collect_tracks(&mut self, tracks: &[crate::frame::Track], before_s: f64) {
         let Self { filter, camera, agreement, .. } = self;
         let middle = 0.5 * self.calibration.readout_s.abs();
         let whole = subtract(filter.pose(self.now_s + middle), filter.pose(before_s + middle));
@@ -326,10 +326,10 @@ impl Continuous {
     /// Weighs the tracks and solves for the path. Gives the confidence. What a pair whose time is not known says of the camera is not
     /// asked.
     fn estimate(&mut self, tracks: &mut [crate::frame::Track], before_s: f64) -> f64 {
-        let count = tracks.len().min(MOST_TRACKS);
+        let count = tracks.len().min(MAX_TRACKS);
         let tracks = &mut tracks[..count];
         self.filter.start_trial();
-        if tracks.len() < LEAST_TRACKS {
+        if tracks.len() < MIN_TRACKS {
             self.filter.solve();
             return 0.0;
         }
@@ -347,17 +347,17 @@ impl Continuous {
             let flowed = self.filter.flow_at(&flow);
             let moved = [moved[0] - dot(&derivative[0], &flowed), moved[1] - dot(&derivative[1], &flowed)];
             self.sights.push(Sight { moved, derivative, row, say: 1.0 });
-            let sigma = f64::from(track.sigma_px).min(MOST_SIGMA_PX);
+            let sigma = f64::from(track.sigma_px).min(MAX_SIGMA_PX);
             self.information.push(1.0 / (sigma * sigma + self.common));
         }
         self.batch.prepare(|i| {
             let moved = std::array::from_fn(|c| tracks[i].to[c] - tracks[i].from[c]);
             (self.sights[i].derivative, moved)
         });
-        hypothesis::share_out(
+        hypothesis::distribute_weights(
             tracks,
             self.size,
-            |i| LEAST_SAY + (1.0 - LEAST_SAY) * f64::from(tracks[i].background),
+            |i| MIN_FOREGROUND_WEIGHT + (1.0 - MIN_FOREGROUND_WEIGHT) * f64::from(tracks[i].background),
             &mut self.sights,
         );
         let middle = self.middle();
@@ -373,9 +373,9 @@ impl Continuous {
                 // the flow, too, may hold what is the rows'
                 let [yaw, pitch] = self.filter.flow_slope().map(|slope| slope * self.interval_s);
                 let slope = [turn[1] + yaw, turn[4] + pitch, 0.0, 0.0];
-                self.slope.take([turn[0], turn[3], turn[6], turn[7]], slope, self.interval_s, least);
+                self.readout_search.take([turn[0], turn[3], turn[6], turn[7]], slope, self.interval_s, least);
             }
-            false => self.slope.interrupt(),
+            false => self.readout_search.interrupt(),
         }
         self.weights.clear();
         self.weights.extend(self.sights.iter().map(|sight| geman_mcclure(sight.misfit(&turn), limit)));
@@ -394,7 +394,7 @@ impl Continuous {
             };
             self.effects.extend(tracks.iter().zip(&self.sights).map(of));
         }
-        self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MOST_OFF));
+        self.unevenness.take(share, self.timed.unwrap_or(0.0).abs().min(MAX_OFF));
         for (information, sight) in self.information.iter_mut().zip(&self.sights) {
             *information *= sight.say.min(2.0);
         }
@@ -406,7 +406,7 @@ impl Continuous {
                 self.ask_globals(tracks, share);
             }
             let (weights, information) = (&self.weights, &self.information);
-            self.batch.add_to(&mut self.filter, |i| if weights[i] > LEAST_WEIGHT { information[i] * weights[i] } else { 0.0 });
+            self.batch.add_to(&mut self.filter, |i| if weights[i] > MIN_WEIGHT { information[i] * weights[i] } else { 0.0 });
             if !self.filter.solve() {
                 return 0.0;
             }
@@ -421,13 +421,13 @@ impl Continuous {
                 squares += weight * misfit;
                 sum += weight;
                 // of x and y together; the surest tracks tell most
-                let (surety, own) = (weight * self.information[i], f64::from(tracks[i].sigma_px).min(MOST_SIGMA_PX));
+                let (surety, own) = (weight * self.information[i], f64::from(tracks[i].sigma_px).min(MAX_SIGMA_PX));
                 common += surety * (0.5 * misfit - own * own);
                 certain += surety;
                 changed += (weight - self.weights[i]).abs();
                 self.weights[i] = weight;
             }
-            if round + 1 >= LEAST_ROUNDS && changed < SETTLED * sum {
+            if round + 1 >= MIN_ROUNDS && changed < SETTLED * sum {
                 break;
             }
         }
@@ -442,14 +442,14 @@ impl Continuous {
         self.common += COMMON_NEWS * ((common / certain.max(1e-9)).clamp(least, most) - self.common);
         // the scale follows what the inliers leave over, slowly
         let noise = (squares / sum.max(1.0)).sqrt();
-        self.scale_px += 0.1 * ((3.0 * noise).clamp(LEAST_SCALE_PX, 2.0) - self.scale_px);
+        self.scale_px += 0.1 * ((3.0 * noise).clamp(MIN_SCALE_PX, 2.0) - self.scale_px);
         let share = agreed / say.max(1e-9);
         let ramp = |x: f64, from: f64, to: f64| ((x - from) / (to - from)).clamp(0.0, 1.0);
         // what the covariance says of the motion to this frame's middle row; a few dark or blurred points leave it wide
         let deviation = self.filter.deviation(before_s + self.middle(), self.now_s + self.middle());
         let deviation_px = self.camera.focal * hypot(deviation[0], deviation[1]);
         // a few points that agree, right after a time in which nothing was seen, agree on anything
-        let asked = [0, 1].map(|i| LEAST_INLIERS[i].max(WARY_SHARES[i] * self.wary * self.usual));
+        let asked = [0, 1].map(|i| MIN_INLIERS[i].max(WARY_SHARES[i] * self.wary * self.usual));
         self.usual += USUAL_NEWS * (sum - self.usual);
         ramp(sum, asked[0], asked[1]) * ramp(share, 0.15, 0.4) * ramp(deviation_px, DOUBTFUL_PX[1], DOUBTFUL_PX[0])
     }

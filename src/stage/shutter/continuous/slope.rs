@@ -14,7 +14,7 @@ const MEMORY_S: f64 = 6.0;
 /// Standard deviations that are stated for one that the statistics give: neighbouring pairs share their errors.
 const CAUTION: f64 = 2.0;
 /// Pairs below which nothing is said.
-const LEAST_PAIRS: f64 = 12.0;
+const MIN_PAIRS: f64 = 12.0;
 /// Factor between two intervals up to which they count as even.
 const EVEN: f64 = 1.25;
 
@@ -28,14 +28,14 @@ struct Seen {
 
 /// What was seen so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Slope {
+pub struct ReadoutSearch {
     /// The last two pairs, the newest last.
     last: [Seen; 2],
     /// Sums of slope x change of speed, change^2, slope^2, turn^2, bend^2, and of 1.
     sums: [f64; 6],
 }
 
-impl Slope {
+impl ReadoutSearch {
     /// Takes in a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at. Changes of the turn below
     /// `least` (radians) are noise, which would pull the readout time to nothing.
     pub fn take(&mut self, turn: Pose, slope: Pose, interval_s: f64, least: f64) {
@@ -73,7 +73,7 @@ impl Slope {
     /// Readout time and its standard deviation, seconds.
     pub fn readout(&self) -> Option<(f64, f64)> {
         let [across, change, slope, turn, bend, pairs] = self.sums;
-        if pairs < LEAST_PAIRS || change <= 0.0 || turn <= 0.0 {
+        if pairs < MIN_PAIRS || change <= 0.0 || turn <= 0.0 {
             return None;
         }
         let slant = across / change;
@@ -84,7 +84,7 @@ impl Slope {
     }
 }
 
-impl Slope {
+impl ReadoutSearch {
     /// The part of a readout time of `readout_s` by which the rows are to be drawn: at most what the slopes over the rows followed the changes
     /// of the turn so far. What leans and stretches the picture without following them is not the rows' motion; and as a homography could do
     /// it as well, no comparison within a pair of frames sees it.
@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn readout_and_sign_are_seen() {
         for readout in [0.8, 0.3, -0.6] {
-            let (interval, mut slope) = (1.0 / 30.0, Slope::default());
+            let (interval, mut slope) = (1.0 / 30.0, ReadoutSearch::default());
             let path = |t: f64| [0.01 * (9.0 * t).sin(), 0.006 * (13.0 * t + 1.0).cos()];
             let speed = |t: f64| [0.09 * (9.0 * t).cos(), -0.078 * (13.0 * t + 1.0).sin()];
             for k in 0..90 {
@@ -126,7 +126,7 @@ mod tests {
         for (readout, believed, wanted) in
             [(0.8, 0.8, 0.8), (0.2, 0.8, 0.2), (0.0, 0.7, 0.0), (-0.6, -0.6, -0.6), (-0.6, 0.6, 0.0)]
         {
-            let mut slope = Slope::default();
+            let mut slope = ReadoutSearch::default();
             assert_eq!(slope.drawn(believed * interval), believed * interval, "nothing was seen");
             for k in 0..90 {
                 let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_still_camera_says_nothing() {
-        let mut slope = Slope::default();
+        let mut slope = ReadoutSearch::default();
         for _ in 0..90 {
             slope.take([0.0; 4], [0.0; 4], 1.0 / 30.0, 1e-5);
         }

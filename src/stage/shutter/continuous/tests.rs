@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::frame::{Fit, Track};
-use crate::stage::shutter::{Known, certainty};
+use crate::stage::shutter::{Prior, certainty};
 
 const SIZE: [usize; 2] = [640, 360];
 const HFOV_DEG: f64 = 65.0;
@@ -26,8 +26,8 @@ struct Truth {
     interval_s: f64,
 }
 
-fn optics(readout_s: Known, hfov_deg: Known) -> Optics {
-    Optics { readout_s, hfov_deg, lens_k1: Known::Exactly(0.0) }
+fn optics(readout_s: Prior, hfov_deg: Prior) -> Optics {
+    Optics { readout_s, hfov_deg, lens_k1: Prior::Fixed(0.0) }
 }
 
 fn still(_: f64) -> [f64; 3] {
@@ -103,8 +103,8 @@ impl Truth {
 
     /// The model after `frames` frames, and the motion of the rows within a frame that it found: root mean squares over the last two
     /// thirds of the frames of what is wrong with it and of what it is, pixels.
-    fn followed(&self, readout: Known, frames: usize) -> (Continuous, f64, f64) {
-        let hfov = if readout == Known::Nothing { Known::Nothing } else { Known::Exactly(HFOV_DEG) };
+    fn followed(&self, readout: Prior, frames: usize) -> (Continuous, f64, f64) {
+        let hfov = if readout == Prior::Unknown { Prior::Unknown } else { Prior::Fixed(HFOV_DEG) };
         self.followed_by(optics(readout, hfov), frames)
     }
 
@@ -149,7 +149,7 @@ fn travel_does_not_bend_the_rows() {
     for (name, pose, allowed) in [("straight", still as fn(f64) -> [f64; 3], 0.05), ("shaken", shaken, 0.1)] {
         let truth =
             Truth { pose, place: walking, readout_s: 0.75 * INTERVAL_S, walled: false, k1: 0.0, interval_s: INTERVAL_S };
-        let (model, off, size) = truth.followed(Known::Exactly(truth.readout_s), 90);
+        let (model, off, size) = truth.followed(Prior::Fixed(truth.readout_s), 90);
         println!("{name}: rows off by {off:.3} px of {size:.3}");
         assert!(off < allowed, "{name}: {off} px");
         assert!(model.newest().path[3].abs() < 0.01, "the path zooms: {}", model.newest().path[3]);
@@ -161,7 +161,7 @@ fn travel_does_not_bend_the_rows() {
 fn a_camera_that_only_turns_is_followed_as_closely() {
     let truth =
         Truth { pose: shaken, place: still, readout_s: 0.75 * INTERVAL_S, walled: false, k1: 0.0, interval_s: INTERVAL_S };
-    let (_, off, size) = truth.followed(Known::Exactly(truth.readout_s), 90);
+    let (_, off, size) = truth.followed(Prior::Fixed(truth.readout_s), 90);
     println!("rows off by {off:.3} px of {size:.3}");
     assert!(off < 0.02 && size > 0.5, "{off} px of {size}");
 }
@@ -170,11 +170,11 @@ fn a_camera_that_only_turns_is_followed_as_closely() {
 #[test]
 fn the_lens_is_found() {
     for (k1, hfov_deg) in
-        [(-0.12, Known::Exactly(HFOV_DEG)), (-0.12, Known::Nothing), (0.0, Known::Nothing), (0.08, Known::Nothing)]
+        [(-0.12, Prior::Fixed(HFOV_DEG)), (-0.12, Prior::Unknown), (0.0, Prior::Unknown), (0.08, Prior::Unknown)]
     {
         for place in [still as fn(f64) -> [f64; 3], walking] {
             let truth = Truth { pose: shaken, place, readout_s: 0.75 * INTERVAL_S, walled: false, k1, interval_s: INTERVAL_S };
-            let optics = Optics { readout_s: Known::Exactly(truth.readout_s), hfov_deg, lens_k1: Known::Nothing };
+            let optics = Optics { readout_s: Prior::Fixed(truth.readout_s), hfov_deg, lens_k1: Prior::Unknown };
             let (model, off, size) = truth.followed_by(optics, 120);
             let found = certainty::lens(&model.calibration());
             println!("k1 {k1}: {:.3} +- {:.3}, rows off by {off:.3} px of {size:.3}", found.value, found.uncertainty);
@@ -192,7 +192,7 @@ fn where_all_is_near_the_path_follows_the_picture() {
     let truth =
         Truth { pose: shaken, place: swaying, readout_s: 0.75 * INTERVAL_S, walled: true, k1: 0.0, interval_s: INTERVAL_S };
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Known::Exactly(truth.readout_s), Known::Exactly(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Fixed(truth.readout_s), Prior::Fixed(HFOV_DEG)), 1);
     model.begin(SIZE);
     let mut state = 5u64;
     let mut random = || {
@@ -231,7 +231,7 @@ fn after_silence_the_path_rests_and_a_few_points_are_not_believed_at_once() {
         [0.4 * t, 0.0, 0.0]
     }
     let truth = Truth { pose: panned, place: still, readout_s: 0.0, walled: false, k1: 0.0, interval_s: INTERVAL_S };
-    let mut model = Continuous::new(optics(Known::Exactly(0.0), Known::Exactly(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Fixed(0.0), Prior::Fixed(HFOV_DEG)), 1);
     model.begin(SIZE);
     let mut state = 5u64;
     let mut random = || {
@@ -266,7 +266,7 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
             k1: 0.0,
             interval_s: INTERVAL_S,
         };
-        let (model, ..) = truth.followed(Known::Nothing, 150);
+        let (model, ..) = truth.followed(Prior::Unknown, 150);
         let found = certainty::readout(&model.calibration(), INTERVAL_S);
         let [value, uncertainty] = [found.value, found.uncertainty].map(|s| s / INTERVAL_S);
         println!("readout {readout}: {value:.3} +- {uncertainty:.3}");
@@ -275,7 +275,7 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
     }
     let truth =
         Truth { pose: still, place: walking, readout_s: 0.75 * INTERVAL_S, walled: false, k1: 0.0, interval_s: INTERVAL_S };
-    let (model, ..) = truth.followed(Known::Nothing, 150);
+    let (model, ..) = truth.followed(Prior::Unknown, 150);
     let found = model.calibration();
     println!("no shake: {:?}", certainty::readout(&found, INTERVAL_S));
     assert_eq!(certainty::known_readout(&found, INTERVAL_S), None);
@@ -307,7 +307,7 @@ fn turned(camera: &Pinhole, turn: Pose, random: &mut impl FnMut() -> f64) -> Vec
 #[test]
 fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
     let camera = Pinhole::new(SIZE, HFOV_DEG).with_lens(-0.05, SIZE[0]);
-    let optics = Optics { readout_s: Known::Exactly(0.0), hfov_deg: Known::Nothing, lens_k1: Known::Nothing };
+    let optics = Optics { readout_s: Prior::Fixed(0.0), hfov_deg: Prior::Unknown, lens_k1: Prior::Unknown };
     let mut model = Continuous::new(optics, 1);
     model.begin(SIZE);
     let mut random = numbers();
@@ -332,7 +332,7 @@ fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
 #[test]
 fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Known::Nothing, Known::Exactly(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Fixed(HFOV_DEG)), 1);
     model.begin(SIZE);
     let mut random = numbers();
     let mut believed = Vec::new();
@@ -365,7 +365,7 @@ fn the_path_zooms_only_where_the_picture_does() {
     let interval_s = 1.0 / 60.0;
     for (pose, readout, is_known) in [(still as fn(f64) -> [f64; 3], 0.0, true), (shaken, 0.0, false), (shaken, 0.75, false)] {
         let truth = Truth { pose, place: flying, readout_s: readout * interval_s, walled: false, k1: 0.0, interval_s };
-        let known = if is_known { Known::Exactly(truth.readout_s) } else { Known::Nothing };
+        let known = if is_known { Prior::Fixed(truth.readout_s) } else { Prior::Unknown };
         let (model, ..) = truth.followed(known, 240);
         let zoom = model.newest().path[3];
         println!("readout {readout}, {known}: zoom {zoom:.4}");
@@ -383,7 +383,7 @@ struct Point {
 /// frames and has an error of up to .3 px; and whether a hand with forty points waves before it from the third second to the sixth.
 fn dark_wall(count: usize, with_hand: bool) -> [f64; 2] {
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Known::Nothing, Known::Nothing), 1);
+    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Unknown), 1);
     model.begin(SIZE);
     let mut random = numbers();
     let [mut wall, mut hand]: [Vec<Point>; 2] = Default::default();

@@ -13,7 +13,7 @@
 mod burg;
 
 use super::Tuning;
-use crate::stage::shutter::Ends;
+use crate::stage::shutter::RowSpan;
 
 /// Ticks that are looked ahead.
 pub const AHEAD: usize = 24;
@@ -29,7 +29,7 @@ const MIN_APART_S: f64 = 1e-4;
 const FIRST: f64 = 6.0;
 /// Least length of a tick, seconds: frames that come faster are taken several at a time.
 const MIN_TICK_S: f64 = 0.8 / 30.0;
-/// How far ahead surprise is measured, seconds.
+/// How far ahead the error of forecasts is measured, seconds.
 const SOON_S: f64 = 0.067;
 /// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
 const OFF: f64 = 1.3;
@@ -60,7 +60,7 @@ pub struct Forecast {
     /// Mean squares of the errors, 1, 2 .. ticks on.
     squares: [f64; AHEAD],
     /// The mean square of the errors [`SOON_S`] ahead, over a longer time; none before there is a tick.
-    surprise: Option<f64>,
+    forecast_error: Option<f64>,
 }
 
 impl Forecast {
@@ -75,13 +75,13 @@ impl Forecast {
             tick_s: 0.0,
             frames: 1.0,
             squares: [0.0; AHEAD],
-            surprise: None,
+            forecast_error: None,
         }
     }
 
     /// The camera is seen for the first time, at `place`.
     pub fn begin(&mut self, place: f64) {
-        (self.newest, self.seen, self.now, self.tick_s, self.surprise) = (0, 1, 0.0, 0.0, None);
+        (self.newest, self.seen, self.now, self.tick_s, self.forecast_error) = (0, 1, 0.0, 0.0, None);
         self.history[0] = Sample { time: 0.0, place, expected: [0.0; AHEAD], tick_s: 0.0 };
     }
 
@@ -92,9 +92,9 @@ impl Forecast {
 
     /// The camera is at `place`, `interval_s` seconds after the frame before, and at `ends` where the first and last rows saw it; `unit` is
     /// half of the crop window; 0 where nothing is to be foreseen.
-    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, ends: Ends<f64>, unit: f64) {
+    pub fn observe(&mut self, tuning: &Tuning, place: f64, interval_s: f64, ends: RowSpan<f64>, unit: f64) {
         self.now += interval_s;
-        let Ends { first, last, last_before, half_s, .. } = ends;
+        let RowSpan { first, last, last_before, half_s, .. } = ends;
         if ends.interval_s > 0.0 {
             self.revise(self.now + half_s - ends.interval_s, last_before);
         }
@@ -109,7 +109,7 @@ impl Forecast {
             return;
         }
         self.keep_time(tuning, interval_s, unit);
-        self.surprise.get_or_insert((tuning.unforeseen_from * unit).powi(2));
+        self.forecast_error.get_or_insert((tuning.unforeseen_from * unit).powi(2));
         self.compare(tuning, interval_s);
         let mut ways = [0.0; PAST];
         let count = self.ways(&mut ways);
@@ -154,8 +154,8 @@ impl Forecast {
     }
 
     /// How far forecasts `SOON_S` ahead were off of late: root of the mean square, in the path's units.
-    pub fn surprise(&self) -> f64 {
-        self.surprise.unwrap_or(0.0).sqrt()
+    pub fn forecast_error(&self) -> f64 {
+        self.forecast_error.unwrap_or(0.0).sqrt()
     }
 
     /// How far the places of the last `seconds` lie apart, in the path's units; of fewer seconds where fewer are remembered.
@@ -235,8 +235,8 @@ impl Forecast {
             if sample.tick_s == self.tick_s {
                 let error = place - sample.place - f64::from(sample.expected[j]);
                 self.squares[j] += news * (error * error - self.squares[j]);
-                if let (true, Some(surprise)) = (j == soon, &mut self.surprise) {
-                    *surprise += slow * (error * error - *surprise);
+                if let (true, Some(forecast_error)) = (j == soon, &mut self.forecast_error) {
+                    *forecast_error += slow * (error * error - *forecast_error);
                 }
             }
         }

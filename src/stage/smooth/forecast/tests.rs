@@ -22,7 +22,7 @@ fn a_sine_is_foreseen_and_the_errors_say_so() {
         for k in (1..400).map(f64::from) {
             let (half_s, interval_s) = (half / 30.0, 1.0 / 30.0);
             let ends =
-                Ends { first: path(k - half), last: path(k + half), last_before: path(k - 1.0 + half), half_s, interval_s };
+                RowSpan { first: path(k - half), last: path(k + half), last_before: path(k - 1.0 + half), half_s, interval_s };
             forecast.observe(&tuning, path(k), 1.0 / 30.0, ends, 1.0);
         }
         for j in -6..=6 {
@@ -54,7 +54,7 @@ fn what_the_last_rows_saw_brings_the_forecast_nearer() {
         for k in 1..598 {
             let at = |place: usize| path[place];
             let (half_s, interval_s) = (half as f64 / 360.0, 1.0 / 30.0);
-            let ends = Ends {
+            let ends = RowSpan {
                 first: at(12 * k - half),
                 last: at(12 * k + half),
                 last_before: at(12 * k - 12 + half),
@@ -76,7 +76,7 @@ fn what_the_next_frame_says_of_the_last_row_takes_its_place() {
     let mut forecast = Forecast::new();
     forecast.begin(0.0);
     for k in (1..9).map(f64::from) {
-        let ends = Ends { first: k - 0.3, last: k + 0.2, last_before: k - 0.7, half_s, interval_s };
+        let ends = RowSpan { first: k - 0.3, last: k + 0.2, last_before: k - 0.7, half_s, interval_s };
         forecast.observe(&tuning, k, interval_s, ends, 1.0);
         // what is newest is as its frame says
         assert!((forecast.at(half_s).0 - (k + 0.2)).abs() < 1e-12);
@@ -88,7 +88,7 @@ fn what_the_next_frame_says_of_the_last_row_takes_its_place() {
     // a frame that says nothing of the one before leaves it, and so does one that looks farther back
     for interval_s in [0.0, 2.0 / 30.0] {
         let before = forecast.at(half_s).0;
-        let ends = Ends { first: 9.0, last: 9.0, last_before: 77.0, half_s, interval_s };
+        let ends = RowSpan { first: 9.0, last: 9.0, last_before: 77.0, half_s, interval_s };
         forecast.observe(&tuning, 9.0, 1.0 / 30.0, ends, 1.0);
         assert!((forecast.at(half_s - 1.0 / 30.0).0 - before).abs() < 1e-9);
     }
@@ -101,7 +101,7 @@ fn the_range_is_that_of_the_last_seconds() {
     forecast.begin(50.0);
     for k in 1..=90 {
         let place = f64::from(k % 3);
-        forecast.observe(&tuning, place, 1.0 / 30.0, Ends { first: place, last: place, ..Ends::default() }, 1.0);
+        forecast.observe(&tuning, place, 1.0 / 30.0, RowSpan { first: place, last: place, ..RowSpan::default() }, 1.0);
     }
     assert_eq!((forecast.range(2.0), forecast.range(10.0)), (2.0, 50.0));
 }
@@ -115,7 +115,7 @@ fn whatever_comes_the_forecast_stays_finite_and_stable() {
     let mut place = 0.0;
     for k in 0..600 {
         place += if k % 97 == 0 { 50.0 } else { random() };
-        forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, Ends::default(), 1.0);
+        forecast.observe(&tuning, place, [1.0, 0.5, 3.0, 1e-3][k % 4] / 30.0, RowSpan::default(), 1.0);
         for ahead in 0..30 {
             let (expected, deviation) = forecast.at(f64::from(ahead) / 30.0);
             assert!((expected - place).abs() < 2000.0 && deviation < 2000.0, "{k}: {expected} from {place}, {deviation}");
@@ -129,7 +129,7 @@ fn a_still_camera_stays() {
     let mut forecast = Forecast::new();
     forecast.begin(3.0);
     for _ in 0..100 {
-        forecast.observe(&tuning, 3.0, 1.0 / 30.0, Ends { first: 3.0, last: 3.0, ..Ends::default() }, 1.0);
+        forecast.observe(&tuning, 3.0, 1.0 / 30.0, RowSpan { first: 3.0, last: 3.0, ..RowSpan::default() }, 1.0);
         assert!((0..30).all(|ahead| forecast.at(f64::from(ahead) / 30.0).0 == 3.0));
     }
 }
