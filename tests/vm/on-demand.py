@@ -86,7 +86,8 @@ time.sleep(seconds)
 ticks, exact = [(after - before) / (now() - begun) for after, before in zip([daemon.cpu(), daemon.cpu_exact()], before)]
 report.say(f"      by the clock's ticks {100 * ticks:.3f} %, by the scheduler {100 * exact:.3f} %")
 used = max(ticks, exact) / SLOWER
-report.check("the scheduler counts", exact > 0 or ticks > 0)
+# A daemon that never wakes up uses nothing: what it used before shows that it is counted.
+report.check("the scheduler counts", daemon.cpu_exact() > 0)
 report.check(f"idle, it uses {100 * used:.3f} % of a core (0.2 at most)", used <= 0.002)
 report.check("it stops", daemon.stop() == 0)
 
