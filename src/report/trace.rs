@@ -138,7 +138,7 @@ mod tests {
             }
         }
         let stop = Stop::default();
-        let mut trace = Trace::new(Full(300), Model::Cho2007, stop.clone()).unwrap();
+        let mut trace = Trace::new(Full(240), Model::Cho2007, stop.clone()).unwrap();
         trace.drawn(&Frame::default(), Picture::default().as_ref());
         assert!(stop.is_set());
         assert_eq!(trace.finish().unwrap_err().kind(), io::ErrorKind::StorageFull);
