@@ -20,15 +20,8 @@ report.say(f"      {now() - begun:.3f} s after the start")
 time.sleep(1)
 report.check("and the camera is closed", not Camera.is_open())
 
-def camera_is_even():
-    with Reader(Camera.path(), size=(WIDTH, HEIGHT), fps=FPS) as reader:
-        came = [frame.came for frame in reader.frames(1.5)]
-    return len(came) > 1 and max(b - a for a, b in zip(came, came[1:])) < 4 * SLOWER / FPS
-
-
-# In a machine that has just started, vivid gives six frames at once and then none for most of a second.
 begun = now()
-report.check("the camera itself gives its frames evenly", until(40, camera_is_even))
+report.check("the camera itself gives its frames evenly", Camera.becomes_even((WIDTH, HEIGHT), FPS, SLOWER))
 report.say(f"      after {now() - begun:.1f} s")
 
 # How long the camera itself takes to its first frame.

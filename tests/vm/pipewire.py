@@ -34,6 +34,7 @@ def alone():
     report.say(doctor)
     report.check("doctor says that the picture goes to PipeWire", "PipeWire is the only output" in doctor and "the camera gimbald is available" in doctor)
     report.check("      and has no fault for the loopback", not re.search("FAULT +(module|output|pipewire)", doctor))
+    report.check("the camera itself gives its frames evenly", Camera.becomes_even((WIDTH, HEIGHT), 30))
     own = []
     for _ in range(3):
         with Reader(Camera.path(), size=(WIDTH, HEIGHT), fps=30) as reader:

@@ -193,6 +193,16 @@ class Camera:
         return None
 
     @classmethod
+    def becomes_even(cls, size, fps, slower=1):
+        """Waits until its frames come evenly; whether they do. In a machine that has just started, vivid gives six at once and then none
+        for most of a second."""
+        def is_even():
+            with Reader(cls.path(), size=size, fps=fps) as reader:
+                came = [frame.came for frame in reader.frames(1.5)]
+            return len(came) > 1 and max(b - a for a, b in zip(came, came[1:])) < 4 * slower / fps
+        return until(40, is_even)
+
+    @classmethod
     def control(cls, controls):
         path = cls.path()
         done = path and subprocess.run(["v4l2-ctl", "-d", path, "-c", controls], capture_output=True)
