@@ -5,8 +5,9 @@
 //! ```
 //!
 //! What is linked is what Cargo says: the normal dependencies of this machine's target, without build scripts, procedural macros and
-//! tests. Beside them there is the recording that `gimbald demo` shows. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
-//! libjpeg-turbo, which turbojpeg-sys contains, and Rust's standard library, whose notices Rust's own documentation has.
+//! tests. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
+//! libjpeg-turbo, which turbojpeg-sys contains, the recording that `gimbald demo` shows, and Rust's standard library, whose notices Rust's
+//! own documentation has.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
