@@ -71,7 +71,8 @@ struct Format {
 impl Format {
     fn any(bytes: &mut Unstructured<'_>) -> Result<Self> {
         let pixel = *bytes.choose(&PixelFormat::ALL)?;
-        let most = if bytes.ratio(1, 16)? { [320, 240] } else { [64, 48] };
+        // Large pictures are rare: each costs as much as a hundred small ones.
+        let most = if bytes.ratio(1, 64)? { [320, 240] } else { [64, 48] };
         let (width, height) = (bytes.int_in_range(1..=most[0])?, bytes.int_in_range(1..=most[1])?);
         Ok(Self { pixel, width, height, stride: pixel.tight_stride(width) })
     }
