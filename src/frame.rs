@@ -182,7 +182,7 @@ pub struct Fit {
     pub inliers: u32,
     /// Tracks there were.
     pub tracks: u32,
-    /// 0 (know nothing) to 1.
+    /// 0 (unknown) to 1: in the homography alone. The default model's motion has a confidence of its own ([`FrameContext::confidence`]).
     pub confidence: f64,
 }
 
@@ -199,16 +199,20 @@ pub struct FrameContext {
     pub fit: Fit,
     /// Motion of the rows within the frame.
     pub rows: RowMotion,
-    /// What the model believes of the camera at this frame; all 0 where it does not find it out.
-    pub calibration: Calibration,
+    /// What the model believes of the camera at this frame; `None` where it does not estimate it.
+    pub calibration: Option<Calibration>,
     /// Motion since the frame before, the model's own four parameters (cho2007: a, c, d of eq. 2, then 0).
     pub motion: [f64; 4],
     /// The camera's path at the frame's reference time, the model's own four parameters (cho2007: those of U).
     pub path: [f64; 4],
     /// The virtual camera's path, in the same parameters (cho2007: those of S).
     pub smoothed: [f64; 4],
+    /// How far the motion is believed, 0 (unknown) to 1; what [`FrameContext::trust`] follows.
+    pub confidence: f64,
     /// How far the correction is believed, 0 to 1; moves slowly.
     pub trust: f64,
+    /// The part of the rows' own motion that is undone, 0 to 1.
+    pub rows_gain: f64,
     /// Largest share of the crop window's margin that the correction uses, 0 to 1.
     pub crop_use: f64,
     /// What each channel takes of the margin where least of it is left (yaw, pitch, roll, zoom); their sum is about `crop_use`, and one that

@@ -23,7 +23,7 @@ use crate::stage::{crop, detect, fit, presence, pyramid, smooth, track, trust, w
 
 pub use decode::{Decoder, Reason, Reasons, Unusable};
 use inline::Capture;
-pub use inline::{Totals, run_inline};
+pub use inline::{Totals, run_at_level, run_inline};
 pub use live::{Counts, Live};
 pub use settings::{Camera, Params};
 pub use threaded::{Pace, run_live, run_threaded};
@@ -117,9 +117,13 @@ pub fn simd() -> &'static str {
 }
 
 impl Stabilizer {
-    /// Steps from frames of `input`'s format to pictures of `output`'s size.
+    /// Steps from frames of `input`'s format to pictures of `output`'s size, at this processor's best SIMD level.
     pub fn new(params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {
-        let level = Level::detected();
+        Self::with_level(Level::detected(), params, input, output)
+    }
+
+    /// The same at `level`; the pictures do not depend on it.
+    pub fn with_level(level: Level, params: &Params, input: &StreamFormat, output: &StreamFormat) -> Self {
         let nominal_s = if input.rate() > 0.0 { 1.0 / input.rate() } else { 1.0 / 30.0 };
         let lookahead_s = params.smooth.lookahead_s();
         let mut warper = warp::Warper::new(&params.warp, level, input.colour.siting);
@@ -134,11 +138,11 @@ impl Stabilizer {
             timing: Timing::new(nominal_s),
             unusable: None,
             window: crop::Window::default(),
-            detector: detect::Detector::new(params.detect),
+            detector: detect::Detector::with_level(params.detect, level),
             tracker: track::Tracker::new(params.track, level),
             features: Vec::with_capacity(2 * params.detect.points as usize),
             fitter: fit::Fitter::new(params.fit),
-            shutter: Shutter::new(&params.shutter, params.camera.optics(), params.fit.seed),
+            shutter: Shutter::new(&params.shutter, params.camera.optics(), params.fit.seed, level),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             presence: presence::Presence::new(params.enabled),
@@ -156,7 +160,7 @@ impl Stabilizer {
         FRAMES + ahead(self.lookahead_s, self.nominal_s)
     }
 
-    /// What is believed of the camera; `None` where the model does not find it out.
+    /// What is believed of the camera; `None` where the model does not estimate it, and before the first pair of frames.
     pub fn calibration(&self) -> Option<Calibration> {
         self.shutter.calibration()
     }
@@ -332,8 +336,8 @@ impl Stabilizer {
                 self.window.correction_part(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
             context.smoothed = path(correction, part);
-            context.trust = trust;
-            context.calibration = self.shutter.calibration().unwrap_or_default();
+            (context.confidence, context.trust, context.rows_gain) = (motion.confidence, trust, rows);
+            context.calibration = self.shutter.calibration();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.crop_use(&context.map, &view);
             context.crop_shares = bounds.crop_shares(&correction.map(|channel| part * channel));

@@ -22,7 +22,7 @@ use crate::device::v4l2::Capture;
 use crate::device::{FrameSource, replay};
 use crate::pipeline::Camera;
 use crate::rt::notifier::Notifier;
-use crate::stage::shutter::certainty::{self, Estimate};
+use crate::stage::shutter::certainty::{self, Stated};
 use footage::{Answer, Evenness, Footage, MIN_MOTION_PX};
 use limited::Limited;
 
@@ -149,16 +149,16 @@ struct Found {
 }
 
 impl Found {
-    fn readout(&self) -> Option<Estimate> {
+    fn readout(&self) -> Option<Stated> {
         let known = certainty::known_readout(&self.best.camera, self.interval_s);
         known.filter(|_| self.ambiguous.is_none() && self.evenness.doubt() <= MAX_DOUBT)
     }
 
-    fn hfov(&self) -> Option<Estimate> {
+    fn hfov(&self) -> Option<Stated> {
         certainty::known_hfov(&self.best.camera).filter(|_| self.readout().is_some())
     }
 
-    fn lens(&self) -> Option<Estimate> {
+    fn lens(&self) -> Option<Stated> {
         certainty::known_lens(&self.best.camera).filter(|_| self.hfov().is_some())
     }
 
@@ -181,7 +181,7 @@ impl Found {
             let _ = writeln!(text, "time stamps: {}", self.unevenness());
         }
         let mut lines = String::new();
-        if let Some(Estimate { value, uncertainty }) = self.readout() {
+        if let Some(Stated { value, uncertainty }) = self.readout() {
             let direction = match value {
                 _ if value.abs() <= uncertainty => "not distinguishable from a global shutter",
                 _ if value < 0.0 => "bottom to top",
@@ -196,11 +196,11 @@ impl Found {
             );
             let _ = writeln!(lines, "readout_ms = {:.2}", 1e3 * value);
         }
-        if let Some(Estimate { value, uncertainty }) = self.hfov() {
+        if let Some(Stated { value, uncertainty }) = self.hfov() {
             let _ = writeln!(text, "field of view: {value:.1} ± {uncertainty:.1} degrees (horizontal)");
             let _ = writeln!(lines, "hfov_deg = {value:.1}");
         }
-        if let Some(Estimate { value, uncertainty }) = self.lens() {
+        if let Some(Stated { value, uncertainty }) = self.lens() {
             let kind = match value {
                 _ if value.abs() <= uncertainty => "not distinguishable from none",
                 _ if value < 0.0 => "barrel",
@@ -253,7 +253,7 @@ impl Found {
         if self.evenness.doubt() > MAX_DOUBT {
             missing.push(format!("more than {:.0} % of the intervals are outliers", 100.0 * MAX_DOUBT));
         } else if certainty::known_readout(&self.best.camera, self.interval_s).is_none() {
-            let Estimate { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
+            let Stated { value, uncertainty } = certainty::readout(&self.best.camera, self.interval_s);
             let [value, uncertainty] = [value, uncertainty].map(|seconds| 100.0 * seconds / self.interval_s);
             missing.push(if uncertainty > 100.0 * limit.0 {
                 format!(
@@ -264,11 +264,11 @@ impl Found {
                 format!("the readout time of {value:.0} % of the frame interval is at the limit of the search range")
             });
         } else if let Some(other) = &self.ambiguous {
-            let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s);
+            let [a, b] = [&self.best, other].map(|answer| 1e3 * answer.camera.readout_s.value);
             missing.push(format!("readout times of {a:.1} and {b:.1} ms fit about equally well"));
         }
         if certainty::known_hfov(&self.best.camera).is_none() {
-            let Estimate { value, uncertainty } = certainty::hfov(&self.best.camera);
+            let Stated { value, uncertainty } = certainty::hfov(&self.best.camera);
             missing.push(if uncertainty > limit.1 {
                 format!("the uncertainty of the field of view is {uncertainty:.0} degrees (at most {:.0} is accepted)", limit.1)
             } else {

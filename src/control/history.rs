@@ -74,7 +74,7 @@ impl FrameRecord {
             .chain(context.motion)
             .chain(context.path)
             .chain(context.smoothed)
-            .chain([context.trust, context.fit.confidence, context.crop_use])
+            .chain([context.trust, context.confidence, context.crop_use])
             .chain([f64::from(context.fit.tracks), f64::from(context.fit.inliers), age_ms])
             .chain(context.crop_shares)
             .chain(context.spent_ns.map(|ns| ns as f64 * 1e-6));

@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::history::{History, HistoryPart};
 use super::status::{CameraInfo, OutputInfo, PipewireInfo, RejectedFormat, Spread};
 use crate::frame::{Frame, Outcome};
-use crate::geometry::Calibration;
+use crate::geometry::{Calibration, Estimate};
 use crate::rt::clock::monotonic_ns;
 
 /// What a daemon is at.
@@ -213,12 +213,13 @@ impl Metrics {
         }
         self.inliers.store(u64::from(context.fit.inliers), Relaxed);
         self.tracks.store(u64::from(context.fit.tracks), Relaxed);
-        store(&self.confidence, context.fit.confidence);
+        store(&self.confidence, context.confidence);
         store(&self.trust, context.trust);
-        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation } =
-            context.calibration;
-        let found = [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation];
-        self.calibration.iter().zip(found).for_each(|(kept, number)| store(kept, number));
+        let Calibration { readout_s, hfov_deg, lens_k1 } = context.calibration.unwrap_or_default();
+        for (kept, estimate) in self.calibration.chunks(2).zip([readout_s, hfov_deg, lens_k1]) {
+            store(&kept[0], estimate.value);
+            store(&kept[1], estimate.sigma);
+        }
         self.history.add(frame, age_ms);
     }
 
@@ -248,12 +249,15 @@ impl Metrics {
         self.age_sum_ns.load(Relaxed) as f64 * 1e-9
     }
 
-    /// What the newest frame says of the camera; all 0 where no camera is open. Its numbers are not read as one, but they move
+    /// What the newest frame says of the camera; `None` where no camera is open or its model estimates nothing. Its numbers are not read as one, but they move
     /// slowly: a few that are a frame older than the rest do no harm.
-    pub fn calibration(&self) -> Calibration {
-        let [readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation] =
-            std::array::from_fn(|i| load(&self.calibration[i]));
-        Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation }
+    pub fn calibration(&self) -> Option<Calibration> {
+        let [readout_s, hfov_deg, lens_k1] = std::array::from_fn(|i| {
+            let [value, sigma] = [0, 1].map(|j| load(&self.calibration[2 * i + j]));
+            Estimate { value, sigma }
+        });
+        // every camera sees something
+        (hfov_deg.value > 0.0).then_some(Calibration { readout_s, hfov_deg, lens_k1 })
     }
 
     /// What the daemon is doing, with a sentence for people.
@@ -342,15 +346,13 @@ impl Metrics {
         status.cameras_opened = of(&self.cameras);
         (status.inliers, status.tracks) = (of(&self.inliers), of(&self.tracks));
         (status.confidence, status.trust) = (load(&self.confidence), load(&self.trust));
-        let Calibration { readout_s, readout_deviation_s, hfov_deg, hfov_deviation_deg, lens_k1, lens_k1_deviation } =
-            self.calibration();
-        status.found = (hfov_deg > 0.0).then_some(super::Found {
-            readout_ms: 1e3 * readout_s,
-            readout_deviation_ms: 1e3 * readout_deviation_s,
-            hfov_deg,
-            hfov_deviation_deg,
-            lens_k1,
-            lens_k1_deviation,
+        status.found = self.calibration().map(|Calibration { readout_s, hfov_deg, lens_k1 }| super::Found {
+            readout_ms: 1e3 * readout_s.value,
+            readout_deviation_ms: 1e3 * readout_s.sigma,
+            hfov_deg: hfov_deg.value,
+            hfov_deviation_deg: hfov_deg.sigma,
+            lens_k1: lens_k1.value,
+            lens_k1_deviation: lens_k1.sigma,
         });
     }
 

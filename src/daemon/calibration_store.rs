@@ -110,7 +110,7 @@ impl CameraMode {
 }
 
 impl Value {
-    fn new(estimate: certainty::Estimate, scale: f64) -> Self {
+    fn new(estimate: certainty::Stated, scale: f64) -> Self {
         // Four digits after the point are for people; more would be noise.
         let rounded = |value: f64| (1e4 * scale * value).round() / 1e4;
         Self { value: rounded(estimate.value), uncertainty: rounded(estimate.uncertainty) }
@@ -199,10 +199,10 @@ impl CalibrationStore {
         }
     }
 
-    /// The stream ends; what was learned is written.
-    pub(super) fn end(&self, found: &Calibration) {
+    /// The stream ends; what was learned of the camera, if anything was, is written.
+    pub(super) fn end(&self, found: Option<&Calibration>) {
         let mut state = self.state();
-        state.record(found);
+        found.inspect(|found| state.record(found));
         state.current = None;
         self.write(&mut state);
     }
@@ -318,18 +318,12 @@ pub fn fuzz(text: &str) {
     let state = State { entries: Vec::new(), current: None, since: Instant::now(), failed: false };
     let store = CalibrationStore { file: None, state: Mutex::new(state) };
     store.state().entries = entries.iter().cloned().map(Held::as_read).collect();
-    let (readout, hfov, lens) = ((-0.0251, 8e-5), (61.2, 0.1), (-0.08, 0.004));
     for entry in &entries {
         let _ = (store.latest(), store.begin(entry.mode.clone(), Camera::default()));
-        let found = Calibration {
-            readout_s: readout.0,
-            readout_deviation_s: readout.1,
-            hfov_deg: hfov.0,
-            hfov_deviation_deg: hfov.1,
-            lens_k1: lens.0,
-            lens_k1_deviation: lens.1,
-        };
-        store.end(&found);
+        let [readout_s, hfov_deg, lens_k1] =
+            [(-0.0251, 8e-5), (61.2, 0.1), (-0.08, 0.004)].map(|(value, sigma)| crate::geometry::Estimate { value, sigma });
+        let found = Calibration { readout_s, hfov_deg, lens_k1 };
+        store.end(Some(&found));
     }
     let merged = merge(entries, &store.state().entries);
     assert!(merged.len() <= MAX_CAMERAS);
@@ -341,6 +335,7 @@ pub fn fuzz(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Estimate;
 
     use std::fs;
 
@@ -365,20 +360,14 @@ mod tests {
     }
 
     const SURE: Calibration = Calibration {
-        readout_s: -0.0251,
-        readout_deviation_s: 8e-5,
-        hfov_deg: 61.2,
-        hfov_deviation_deg: 0.1,
-        lens_k1: -0.08,
-        lens_k1_deviation: 0.004,
+        readout_s: Estimate { value: -0.0251, sigma: 8e-5 },
+        hfov_deg: Estimate { value: 61.2, sigma: 0.1 },
+        lens_k1: Estimate { value: -0.08, sigma: 0.004 },
     };
     const VAGUE: Calibration = Calibration {
-        readout_s: 0.025,
-        readout_deviation_s: 8e-3,
-        hfov_deg: 60.0,
-        hfov_deviation_deg: 15.0,
-        lens_k1: 0.0,
-        lens_k1_deviation: 0.1,
+        readout_s: Estimate { value: 0.025, sigma: 8e-3 },
+        hfov_deg: Estimate { value: 60.0, sigma: 15.0 },
+        lens_k1: Estimate { value: 0.0, sigma: 0.1 },
     };
 
     #[test]
@@ -388,7 +377,7 @@ mod tests {
         assert_eq!(store.begin(mode("A \"quoted\" name"), Camera::default()), Camera::default());
         store.record(&SURE);
         assert_eq!(scratch.text(), "", "not before its time");
-        store.end(&SURE);
+        store.end(Some(&SURE));
         assert!(scratch.text().starts_with("# Camera calibrations"), "{}", scratch.text());
 
         let store = CalibrationStore::open(Some(scratch.path()));
@@ -417,25 +406,26 @@ mod tests {
     #[test]
     fn what_is_vague_or_was_given_is_not_kept_and_does_not_overwrite() {
         let scratch = Scratch::new();
-        let given = Calibration { readout_deviation_s: 0.0, hfov_deviation_deg: 0.0, lens_k1_deviation: 0.0, ..SURE };
+        let [readout_s, hfov_deg, lens_k1] = [-0.0251, 61.2, -0.08].map(Estimate::exact);
+        let given = Calibration { readout_s, hfov_deg, lens_k1 };
         let store = CalibrationStore::open(Some(scratch.path()));
-        for nothing in [VAGUE, given, Calibration::default()] {
+        for nothing in [Some(VAGUE), Some(given), Some(Calibration::default()), None] {
             store.begin(mode("A"), Camera::default());
-            store.end(&nothing);
+            store.end(nothing.as_ref());
             assert_eq!(scratch.text(), "", "{nothing:?}");
         }
         store.begin(mode("A"), Camera::default());
-        store.end(&SURE);
+        store.end(Some(&SURE));
         let text = scratch.text();
         store.begin(mode("A"), Camera::default());
-        store.end(&VAGUE);
+        store.end(Some(&VAGUE));
         // nearly the same is not written again
         store.begin(mode("A"), Camera::default());
-        store.end(&Calibration { readout_s: SURE.readout_s + 1e-5, ..SURE });
+        store.end(Some(&Calibration { readout_s: Estimate { value: SURE.readout_s.value + 1e-5, ..SURE.readout_s }, ..SURE }));
         assert!(!store.state().changed());
         assert_eq!(scratch.text(), text);
         store.begin(mode("A"), Camera::default());
-        store.end(&Calibration { readout_s: -0.02, ..SURE });
+        store.end(Some(&Calibration { readout_s: Estimate { value: -0.02, ..SURE.readout_s }, ..SURE }));
         assert!(scratch.text().contains("-20.0"), "{}", scratch.text());
     }
 
@@ -447,7 +437,7 @@ mod tests {
         for (readout_s, is_kept) in [(0.0999, true), (0.1001, false), (-0.102, false)] {
             let store = CalibrationStore::open(Some(scratch.path()));
             store.begin(slow.clone(), Camera::default());
-            store.end(&Calibration { readout_s, readout_deviation_s: 1e-3, ..SURE });
+            store.end(Some(&Calibration { readout_s: Estimate { value: readout_s, sigma: 1e-3 }, ..SURE }));
             let known = CalibrationStore::open(Some(scratch.path())).begin(slow.clone(), Camera::default());
             assert!(known.hfov_deg != Prior::Unknown, "{readout_s}: the rest is kept, and read");
             let kept =
@@ -472,12 +462,12 @@ mod tests {
             fs::write(scratch.path().join(NAME), content).unwrap();
             let store = CalibrationStore::open(Some(scratch.path()));
             assert_eq!(store.begin(mode("A"), Camera::default()), Camera::default());
-            store.end(&SURE);
+            store.end(Some(&SURE));
             assert_ne!(CalibrationStore::open(Some(scratch.path())).begin(mode("A"), Camera::default()), Camera::default());
         }
         let store = CalibrationStore::open(Some(&scratch.path().join("no-such-directory")));
         store.begin(mode("A"), Camera::default());
-        store.end(&SURE);
+        store.end(Some(&SURE));
         assert!(store.state().failed);
     }
 
@@ -487,11 +477,11 @@ mod tests {
         let store = CalibrationStore::open(Some(scratch.path()));
         for n in 0..MAX_CAMERAS {
             store.begin(mode(&format!("camera {n}")), Camera::default());
-            store.end(&SURE);
+            store.end(Some(&SURE));
         }
         store.begin(mode("camera 0"), Camera::default());
         store.begin(mode("one more"), Camera::default());
-        store.end(&SURE);
+        store.end(Some(&SURE));
         let known =
             |name: &str| CalibrationStore::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
         assert!(known("one more") && known("camera 0") && !known("camera 1") && known("camera 2"));
@@ -503,7 +493,7 @@ mod tests {
         let (one, other) = (CalibrationStore::open(Some(scratch.path())), CalibrationStore::open(Some(scratch.path())));
         for (store, name) in [(&one, "A"), (&other, "B")] {
             store.begin(mode(name), Camera::default());
-            store.end(&SURE);
+            store.end(Some(&SURE));
         }
         let known =
             |name: &str| CalibrationStore::open(Some(scratch.path())).begin(mode(name), Camera::default()) != Camera::default();
@@ -512,7 +502,7 @@ mod tests {
         fs::remove_file(scratch.path().join(NAME)).unwrap();
         one.begin(mode("A"), Camera::default());
         one.begin(mode("C"), Camera::default());
-        one.end(&SURE);
+        one.end(Some(&SURE));
         assert!(known("C") && !known("A") && !known("B"));
     }
 
@@ -524,11 +514,11 @@ mod tests {
         std::os::unix::fs::symlink(&elsewhere, scratch.path().join(NAME)).unwrap();
         let store = CalibrationStore::open(Some(scratch.path()));
         store.begin(mode("A"), Camera::default());
-        store.end(&SURE);
+        store.end(Some(&SURE));
         assert!(store.state().failed && store.state().changed());
         assert_eq!(scratch.text(), "another's");
         fs::remove_file(scratch.path().join(NAME)).unwrap();
-        store.end(&SURE);
+        store.end(Some(&SURE));
         assert!(!store.state().failed && scratch.text().starts_with("# Camera calibrations"), "tried again at the next end");
     }
 
@@ -537,6 +527,6 @@ mod tests {
         let store = CalibrationStore::open(None);
         assert!(!store.is_enabled());
         store.begin(mode("A"), Camera::default());
-        store.end(&SURE);
+        store.end(Some(&SURE));
     }
 }

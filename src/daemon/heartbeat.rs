@@ -106,7 +106,7 @@ pub(super) fn run_watchdog(heartbeat: &Heartbeat<'_>, store: &CalibrationStore, 
                 tracing::error!(seconds = silent_ns / 1_000_000_000, "pipeline stalled, watchdog withheld");
             }
         }
-        store.record(&metrics.calibration());
+        metrics.calibration().inspect(|found| store.record(found));
         if now - shown_ns >= STATUS_EVERY.as_nanos() as i64 {
             let (sent, age_s) = (metrics.frames_sent().0, metrics.latency_sum_s());
             let frames = sent - shown_sent;

@@ -299,7 +299,7 @@ impl<'a> Supervisor<'a> {
         let ran = run_live(&mut source, &mut **output, &params, &state.live, stop, &mut observer);
         let (failed, step) = (source.failed, source.step);
         drop(camera);
-        store.end(&state.metrics.calibration());
+        store.end(state.metrics.calibration().as_ref());
         state.metrics.clear_camera();
         if state.metrics.frames_sent().0 > sent_before {
             self.lifecycle.delivered();

@@ -33,21 +33,41 @@ pub struct Pinhole {
     pub bend: f64,
 }
 
-/// What is believed of the camera, with standard deviations (0 where it was given).
+/// A value, and how uncertain it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its standard deviation, in the same unit; 0 where the value was given.
+    pub sigma: f64,
+}
+
+impl Estimate {
+    /// A value that was given.
+    pub fn exact(value: f64) -> Self {
+        Self { value, sigma: 0.0 }
+    }
+
+    /// Whether it was given, not estimated.
+    pub fn is_exact(&self) -> bool {
+        self.sigma == 0.0
+    }
+
+    /// The same in another unit.
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { value: factor * self.value, sigma: factor.abs() * self.sigma }
+    }
+}
+
+/// What is believed of the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Calibration {
-    /// Time from the first row's exposure to the last one's, seconds; negative from bottom to top.
-    pub readout_s: f64,
-    /// Its standard deviation, seconds.
-    pub readout_deviation_s: f64,
+    /// Readout time, seconds; negative from bottom to top.
+    pub readout_s: Estimate,
     /// Horizontal field of view, degrees.
-    pub hfov_deg: f64,
-    /// Its standard deviation, degrees.
-    pub hfov_deviation_deg: f64,
+    pub hfov_deg: Estimate,
     /// The lens's k1 ([`Pinhole`]).
-    pub lens_k1: f64,
-    /// Its standard deviation.
-    pub lens_k1_deviation: f64,
+    pub lens_k1: Estimate,
 }
 
 /// A pixel and what the lens does to it.

@@ -7,7 +7,7 @@ mod length;
 mod map;
 mod zoom;
 
-pub use camera::{Calibration, PITCH, Pinhole, Pose, ROLL, YAW, ZOOM};
+pub use camera::{Calibration, Estimate, PITCH, Pinhole, Pose, ROLL, YAW, ZOOM};
 pub use homography::Homography;
 pub use length::hypot;
 pub use map::{OutputMap, RowMotion, RowPoses};

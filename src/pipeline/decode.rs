@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use crate::device::RawFrame;
 use crate::frame::FrameFlags;
 use crate::image::Picture;
+use crate::kernel::Level;
 use crate::stage::unpack::{Unpack, UnpackError};
 
 /// Turns a source's frames into pictures. Its memory is made with the first frame and kept.
@@ -12,6 +13,11 @@ use crate::stage::unpack::{Unpack, UnpackError};
 pub struct Decoder(Unpack);
 
 impl Decoder {
+    /// A decoder at a SIMD level; the pictures do not depend on it.
+    pub fn with_level(level: Level) -> Self {
+        Self(Unpack::with_level(level))
+    }
+
     /// The picture of `raw`, into `into`.
     ///
     /// # Errors

@@ -4,6 +4,7 @@ use super::decode::{Decoder, Reasons, Unusable};
 use super::{Observer, Params, Stabilizer};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame};
 use crate::frame::{Frame, Outcome, Stage};
+use crate::kernel::Level;
 use crate::rt::{clock, stop::Stop};
 
 /// What came of a whole run.
@@ -41,8 +42,23 @@ pub fn run_inline(
     stop: &Stop,
     observer: &mut dyn Observer,
 ) -> Result<Totals, DeviceError> {
-    let mut stabilizer = Stabilizer::new(params, &source.format(), &sink.format());
-    let (mut capture, mut totals) = (Capture::default(), Totals::default());
+    run_at_level(Level::detected(), source, sink, params, stop, observer)
+}
+
+/// [`run_inline`] at a SIMD level; the pictures do not depend on it.
+///
+/// # Errors
+/// As those of [`run_inline`].
+pub fn run_at_level(
+    level: Level,
+    source: &mut dyn FrameSource,
+    sink: &mut dyn FrameSink,
+    params: &Params,
+    stop: &Stop,
+    observer: &mut dyn Observer,
+) -> Result<Totals, DeviceError> {
+    let mut stabilizer = Stabilizer::with_level(level, params, &source.format(), &sink.format());
+    let (mut capture, mut totals) = (Capture::with_level(level), Totals::default());
     let mut pool = Vec::with_capacity(stabilizer.frames());
     let ended = loop {
         if stop.is_set() {
@@ -102,10 +118,14 @@ impl Totals {
 }
 
 /// The first step: raw bytes into a frame.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Capture(Decoder);
 
 impl Capture {
+    pub(super) fn with_level(level: Level) -> Self {
+        Self(Decoder::with_level(level))
+    }
+
     /// Fills `frame`. One that cannot be used is not intact, and stays in the stream.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounde
 use super::{Capture, Live, Observer, Params, Stabilizer, Totals};
 use crate::device::{DeviceError, FrameSink, FrameSource, Lent};
 use crate::frame::Frame;
+use crate::kernel::Level;
 use crate::rt::stop::Stop;
 
 /// Live, a sink that gets no frame for this long is told so, and again after as long.
@@ -164,7 +165,7 @@ struct HandOver<'a> {
 impl HandOver<'_> {
     /// Until the source ends, it `is_over` or the frames have no receiver any more.
     fn run(self, source: &mut dyn FrameSource, is_over: impl Fn() -> bool) -> (Totals, Result<(), DeviceError>) {
-        let (mut capture, mut totals) = (Capture::default(), Totals::default());
+        let (mut capture, mut totals) = (Capture::with_level(Level::detected()), Totals::default());
         let mut spare = None;
         while !is_over() {
             let Some(mut frame) = spare.take().or_else(|| self.next_empty(&mut totals)) else { break };

@@ -12,7 +12,7 @@ use crate::stage::shutter::Model;
 /// Writes the trace. Columns: `index` (frames drawn before), `sequence` (the source's), `time_s` (after the first frame, s),
 /// `interval_s`, `h1` to `h9` (homography from the frame before, pixels), the model's parameters of the motion since the
 /// frame before, of the camera's path and of the virtual camera's (cho2007: `a c d`, `U_a U_c U_d`, `S_a S_c S_d`),
-/// `inliers`, `tracks`, `confidence`, `trust`, `crop_use` (0 to 1), `share_yaw` to `share_zoom` (what each channel takes of the crop
+/// `inliers`, `tracks`, `confidence` (in the motion), `trust`, `rows_gain` (the part of the rows' own motion that is undone), `crop_use` (0 to 1), `share_yaw` to `share_zoom` (what each channel takes of the crop
 /// margin where least of it is left), `crop_zoom`, `readout_ms`, `hfov_deg`, `lens_k1` (what is believed of the camera at this frame;
 /// empty where the model does not estimate it), `outcome`.
 #[derive(Debug)]
@@ -40,7 +40,7 @@ impl<W: Write> Trace<W> {
         }
         writeln!(
             to,
-            ",inliers,tracks,confidence,trust,crop_use,share_yaw,share_pitch,share_roll,share_zoom,crop_zoom,readout_ms,hfov_deg,lens_k1,outcome"
+            ",inliers,tracks,confidence,trust,rows_gain,crop_use,share_yaw,share_pitch,share_roll,share_zoom,crop_zoom,readout_ms,hfov_deg,lens_k1,outcome"
         )?;
         Ok(Self { to, axes: names.axes.len(), index: 0, start_ns: None, failed: None, stop })
     }
@@ -68,14 +68,15 @@ impl<W: Write> Trace<W> {
             parameters[..self.axes].iter().try_for_each(|value| write!(to, ",{value}"))?;
         }
         let fit = &context.fit;
-        write!(to, ",{},{},{},{}", fit.inliers, fit.tracks, fit.confidence, context.trust)?;
-        write!(to, ",{}", context.crop_use)?;
+        write!(to, ",{},{},{},{}", fit.inliers, fit.tracks, context.confidence, context.trust)?;
+        write!(to, ",{},{}", context.rows_gain, context.crop_use)?;
         context.crop_shares.iter().try_for_each(|share| write!(to, ",{share}"))?;
         write!(to, ",{}", context.crop_zoom)?;
-        let camera = &context.calibration;
-        match camera.hfov_deg > 0.0 {
-            true => write!(to, ",{},{},{}", 1e3 * camera.readout_s, camera.hfov_deg, camera.lens_k1)?,
-            false => write!(to, ",,,")?,
+        match &context.calibration {
+            Some(camera) => {
+                write!(to, ",{},{},{}", 1e3 * camera.readout_s.value, camera.hfov_deg.value, camera.lens_k1.value)?;
+            }
+            None => write!(to, ",,,")?,
         }
         writeln!(to, ",{}", outcome_name(context.outcome))
     }
@@ -96,6 +97,7 @@ impl<W: Write> Observer for Trace<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{Calibration, Estimate};
     use crate::image::Picture;
 
     #[test]
@@ -106,16 +108,15 @@ mod tests {
         for time_ns in [5_000_000_000, 5_040_000_000] {
             frame.stamp.time_ns = time_ns;
             frame.context.motion = [1.001, -2.5, 0.25, 0.0];
-            frame.context.calibration.hfov_deg = if time_ns > 5_000_000_000 { 48.5 } else { 0.0 };
-            frame.context.calibration.readout_s = -0.025;
-            frame.context.calibration.lens_k1 = -0.06;
+            let [readout_s, hfov_deg, lens_k1] = [-0.025, 48.5, -0.06].map(Estimate::exact);
+            frame.context.calibration = (time_ns > 5_000_000_000).then_some(Calibration { readout_s, hfov_deg, lens_k1 });
             trace.drawn(&frame, Picture::default().as_ref());
         }
         trace.finish().unwrap();
         let text = String::from_utf8(bytes).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows.len(), 3);
-        assert!(rows.iter().all(|row| row.len() == 36), "{text}");
+        assert!(rows.iter().all(|row| row.len() == 37), "{text}");
         let column = |name| rows[0].iter().position(|head| *head == name).unwrap();
         assert_eq!((rows[2][column("index")], rows[2][column("time_s")]), ("1", "0.04"));
         assert_eq!((rows[1][column("readout_ms")], rows[1][column("hfov_deg")]), ("", ""));

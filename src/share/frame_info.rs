@@ -45,20 +45,20 @@ impl FrameInfo {
     pub fn of(frame: &Frame, number: u64, (width, height): (usize, usize)) -> Self {
         let context = &frame.context;
         let (right, bottom) = (width as f64 - 1.0, height as f64 - 1.0);
-        let camera = context.calibration;
+        let camera = context.calibration.map(|camera| [camera.readout_s, camera.hfov_deg]);
         Self {
             number,
             time_s: frame.stamp.time_ns as f64 * 1e-9,
             path: context.path,
             smoothed: context.smoothed,
             trust: context.trust,
-            confidence: context.fit.confidence,
+            confidence: context.confidence,
             crop_use: context.crop_use,
             points: [f64::from(context.fit.inliers), f64::from(context.fit.tracks)],
             outcome: f64::from(context.outcome.code()),
             corners: [[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]].map(|corner| context.map.apply(corner)),
             spent_ms: context.spent_ns.iter().sum::<u64>() as f64 * 1e-6,
-            camera: [camera.readout_s, camera.readout_deviation_s, camera.hfov_deg, camera.hfov_deviation_deg],
+            camera: camera.map_or([0.0; 4], |[readout, hfov]| [readout.value, readout.sigma, hfov.value, hfov.sigma]),
         }
     }
 

@@ -16,7 +16,7 @@ use crate::config::{Key, Settings};
 use crate::device::null::NullSink;
 use crate::device::{DeviceError, Lent, replay};
 use crate::frame::Frame;
-use crate::geometry::Calibration;
+use crate::geometry::{Calibration, Estimate};
 use crate::image::PictureRef;
 use crate::pipeline::{Decoder, Observer, Params, Stabilizer};
 use crate::report::PairEncoder;
@@ -58,7 +58,7 @@ struct PlayerState {
     length_s: f64,
     error: Option<String>,
     /// As the last run has estimated it.
-    calibration: Calibration,
+    calibration: Option<Calibration>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -86,7 +86,7 @@ impl RecordingBackend {
             position_s: 0.0,
             length_s,
             error: None,
-            calibration: Calibration::default(),
+            calibration: None,
         };
         let (preview, player) = (PreviewFeed::default(), Mutex::new(player));
         Ok(Self { path: path.into(), configuration, preview, player, changed: Condvar::new() })
@@ -161,14 +161,15 @@ impl RecordingBackend {
         let mut player = self.player();
         (player.error, player.settings_changed) = (None, false);
         let (mut params, estimated) = (player.settings.pipeline, player.calibration);
-        if estimated.hfov_deg > 0.0 && estimated.hfov_deviation_deg < MAX_DEVIATION * estimated.hfov_deg {
-            let known = |configured: Prior, value: f64, deviation: f64| {
-                if configured == Prior::Unknown { Prior::Gaussian(value, deviation) } else { configured }
+        let is_useful = |camera: &Calibration| camera.hfov_deg.sigma < MAX_DEVIATION * camera.hfov_deg.value;
+        if let Some(Calibration { readout_s, hfov_deg, lens_k1 }) = estimated.filter(is_useful) {
+            let known = |configured: Prior, Estimate { value, sigma }: Estimate| {
+                if configured == Prior::Unknown { Prior::Gaussian(value, sigma) } else { configured }
             };
             let camera = &mut params.camera;
-            camera.hfov_deg = known(camera.hfov_deg, estimated.hfov_deg, estimated.hfov_deviation_deg);
-            camera.readout_ms = known(camera.readout_ms, 1e3 * estimated.readout_s, 1e3 * estimated.readout_deviation_s);
-            camera.lens_k1 = known(camera.lens_k1, estimated.lens_k1, estimated.lens_k1_deviation);
+            camera.hfov_deg = known(camera.hfov_deg, hfov_deg);
+            camera.readout_ms = known(camera.readout_ms, readout_s.scaled(1e3));
+            camera.lens_k1 = known(camera.lens_k1, lens_k1);
         }
         params
     }

@@ -3,8 +3,9 @@
 use crate::device::null::NullSink;
 use crate::device::{DeviceError, FrameSource};
 use crate::frame::{Fit, Frame, Outcome, Track};
-use crate::geometry::{Calibration, Pinhole, Pose, RowMotion, RowPoses};
+use crate::geometry::{Calibration, Estimate, Pinhole, Pose, RowMotion, RowPoses};
 use crate::image::PictureRef;
+use crate::kernel::Level;
 use crate::pipeline::{Camera, Observer, Params, Reasons, run_inline};
 use crate::rt::stop::Stop;
 use crate::stage::shutter::{self, Model, Pair, Prior, Shutter};
@@ -130,7 +131,7 @@ impl Footage {
         let mut answers: Vec<Answer> =
             starts.into_iter().chain(start.map(|camera| self.about(camera))).map(|start| self.answer(start)).collect();
         answers.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
-        let apart = |a: &Answer, b: &Answer| (a.camera.readout_s - b.camera.readout_s).abs() > 0.1 * interval_s;
+        let apart = |a: &Answer, b: &Answer| (a.camera.readout_s.value - b.camera.readout_s.value).abs() > 0.1 * interval_s;
         let best = self.settled(answers[0]);
         // what is on its way to the best answer is no other one
         let other = answers.into_iter().find(|other| apart(other, &best)).map(|other| self.settled(other));
@@ -142,11 +143,11 @@ impl Footage {
         for _ in 0..ROUNDS {
             let before = answer.camera;
             answer = self.answer(self.about(&before));
-            let moved = |to: f64, from: f64, deviation: f64| (to - from).abs() > SETTLED * deviation;
+            let moved = |to: Estimate, from: Estimate| (to.value - from.value).abs() > SETTLED * to.sigma;
             let now = &answer.camera;
-            if !moved(now.readout_s, before.readout_s, now.readout_deviation_s)
-                && !moved(now.hfov_deg, before.hfov_deg, now.hfov_deviation_deg)
-                && !moved(now.lens_k1, before.lens_k1, now.lens_k1_deviation)
+            if !moved(now.readout_s, before.readout_s)
+                && !moved(now.hfov_deg, before.hfov_deg)
+                && !moved(now.lens_k1, before.lens_k1)
             {
                 break;
             }
@@ -157,16 +158,16 @@ impl Footage {
     /// What was found as a start: the value is used, its certainty is not, or the same frames would count twice.
     pub(super) fn about(&self, camera: &Calibration) -> Camera {
         Camera {
-            readout_ms: Prior::Gaussian(1e3 * camera.readout_s, 1e3 * SPREAD.0 * self.interval_s()),
-            hfov_deg: Prior::Gaussian(camera.hfov_deg, SPREAD.1),
-            lens_k1: Prior::Gaussian(camera.lens_k1, SPREAD.2),
+            readout_ms: Prior::Gaussian(1e3 * camera.readout_s.value, 1e3 * SPREAD.0 * self.interval_s()),
+            hfov_deg: Prior::Gaussian(camera.hfov_deg.value, SPREAD.1),
+            lens_k1: Prior::Gaussian(camera.lens_k1.value, SPREAD.2),
         }
     }
 
     /// Goes through the footage with a model that knows the camera as `start` says.
     fn answer(&self, start: Camera) -> Answer {
         let params = shutter::Params { model: Model::Continuous, ..shutter::Params::default() };
-        let mut model = Shutter::new(&params, start.optics(), 1);
+        let mut model = Shutter::new(&params, start.optics(), 1, Level::detected());
         model.begin(self.size);
         let mut tracks = Vec::new();
         let (mut misfit, mut count) = (0.0, 0usize);

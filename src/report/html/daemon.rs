@@ -154,7 +154,7 @@ fn sample(record: &FrameRecord) -> Sample {
         path: four(record.path),
         smoothed: four(record.smoothed),
         sheared: [f64::NAN; 2],
-        calibration: crate::geometry::Calibration::default(),
+        calibration: None,
         tracks: record.tracks as u32,
         inliers: record.inliers as u32,
         confidence: f64::from(record.confidence),

@@ -61,7 +61,7 @@ impl Inside {
         self.seen += 1;
         let context = &frame.context;
         let (Some(rows), RowMotion::Poses { camera, .. }) = (in_pixels(&context.rows), context.rows) else { return };
-        let readout_s = context.calibration.readout_s;
+        let readout_s = context.calibration.map_or(0.0, |camera| camera.readout_s.value);
         if context.interval_s <= 0.0 || context.repeat || !frame.intact {
             return;
         }
@@ -164,11 +164,10 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
     if !report.inside.curves.is_empty() {
         report.inside.figure(html, times);
     }
-    let found = report.journal.samples.iter().any(|s| {
-        let Calibration { readout_deviation_s, hfov_deviation_deg, lens_k1_deviation, .. } = s.calibration;
-        readout_deviation_s > 0.0 || hfov_deviation_deg > 0.0 || lens_k1_deviation > 0.0
-    });
-    if !found {
+    let is_estimated = |Calibration { readout_s, hfov_deg, lens_k1 }: Calibration| {
+        [readout_s, hfov_deg, lens_k1].iter().any(|estimate| !estimate.is_exact())
+    };
+    if !report.journal.samples.iter().any(|s| s.calibration.is_some_and(is_estimated)) {
         return;
     }
     html.push_str(
@@ -176,43 +175,42 @@ pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
          are two standard deviations apart from the estimate; they are drawn once they are close enough to be useful.</p>\n",
     );
     let readout = |part: f64| {
-        move |s: &Sample| band(s, certainty::readout(&s.calibration, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
+        move |s: &Sample| band(s, |camera| certainty::readout(camera, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
     };
-    let hfov = |part: f64| move |s: &Sample| band(s, certainty::hfov(&s.calibration), LIMIT.1, 1.0, part);
-    let lens = |part: f64| move |s: &Sample| band(s, certainty::lens(&s.calibration), LIMIT.2, 1.0, part);
-    let known = |of: fn(&Calibration) -> f64| {
-        move |s: &Sample| if s.calibration.hfov_deg > 0.0 { of(&s.calibration) } else { f64::NAN }
-    };
+    let hfov = |part: f64| move |s: &Sample| band(s, certainty::hfov, LIMIT.1, 1.0, part);
+    let lens = |part: f64| move |s: &Sample| band(s, certainty::lens, LIMIT.2, 1.0, part);
+    let known = |of: fn(&Calibration) -> f64| move |s: &Sample| s.calibration.as_ref().map_or(f64::NAN, of);
     let series = vec![
         line("interval", "third", &readout(-1.0)),
         line("", "third", &readout(1.0)),
-        line("readout time", "after", &known(|c| 1e3 * c.readout_s)),
+        line("readout time", "after", &known(|c| 1e3 * c.readout_s.value)),
     ];
     html.push_str(&plot("Readout time", "negative: bottom to top".into(), "ms", series, None).figure());
     let series = vec![
         line("interval", "third", &hfov(-1.0)),
         line("", "third", &hfov(1.0)),
-        line("field of view", "after", &known(|c| c.hfov_deg)),
+        line("field of view", "after", &known(|c| c.hfov_deg.value)),
     ];
     html.push_str(&plot("Field of view", "horizontal".into(), "deg", series, None).figure());
-    let series =
-        vec![line("interval", "third", &lens(-1.0)), line("", "third", &lens(1.0)), line("k1", "after", &known(|c| c.lens_k1))];
+    let series = vec![
+        line("interval", "third", &lens(-1.0)),
+        line("", "third", &lens(1.0)),
+        line("k1", "after", &known(|c| c.lens_k1.value)),
+    ];
     html.push_str(&plot("Lens distortion", "k1; negative: barrel".into(), "", series, None).figure());
 }
 
 /// An edge of an estimate's interval, where that is narrow enough.
-fn band(sample: &Sample, estimate: certainty::Estimate, limit: f64, scale: f64, part: f64) -> f64 {
-    if sample.calibration.hfov_deg > 0.0 && sample.interval_s > 0.0 && estimate.uncertainty <= DRAWN * limit {
-        scale * (estimate.value + part * estimate.uncertainty)
-    } else {
-        f64::NAN
-    }
+fn band(sample: &Sample, of: impl Fn(&Calibration) -> certainty::Stated, limit: f64, scale: f64, part: f64) -> f64 {
+    let stated = sample.calibration.as_ref().filter(|_| sample.interval_s > 0.0).map(of);
+    let useful = stated.filter(|stated| stated.uncertainty <= DRAWN * limit);
+    useful.map_or(f64::NAN, |stated| scale * (stated.value + part * stated.uncertainty))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Pinhole, Zoom};
+    use crate::geometry::{Estimate, Pinhole, Zoom};
     use crate::image::{Picture, Sampling};
 
     fn frame(bend: f64) -> Frame {
@@ -225,7 +223,7 @@ mod tests {
         frame.context.rows = RowMotion::Poses { camera: Pinhole { focal: 100.0, centre: [31.5, 23.5], bend: 0.0 }, rows };
         frame.context.interval_s = 0.04;
         frame.context.motion = [-0.04, 0.02, 0.0, 0.0];
-        frame.context.calibration.readout_s = 0.02;
+        frame.context.calibration = Some(Calibration { readout_s: Estimate::exact(0.02), ..Calibration::default() });
         frame
     }
 

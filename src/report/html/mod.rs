@@ -63,7 +63,7 @@ struct Sample {
     smoothed: [f64; 4],
     /// Motion of the last row against the first, x and y, pixels.
     sheared: [f64; 2],
-    calibration: Calibration,
+    calibration: Option<Calibration>,
     tracks: u32,
     inliers: u32,
     confidence: f64,
@@ -117,7 +117,7 @@ impl Report {
             calibration: context.calibration,
             tracks: context.fit.tracks,
             inliers: context.fit.inliers,
-            confidence: context.fit.confidence,
+            confidence: context.confidence,
             trust: context.trust,
             crop_use: context.crop_use,
             crop_shares: context.crop_shares,

@@ -13,10 +13,10 @@ const PLAYER_BYTES: usize = 2000;
 
 /// What is known of the readout time, for a sentence.
 fn readout(report: &Report) -> String {
-    let found = report.journal.samples.iter().rev().map(|sample| sample.calibration).find(|camera| camera.hfov_deg > 0.0);
+    let found = report.journal.samples.iter().rev().find_map(|sample| sample.calibration);
     match (report.settings.pipeline.camera.readout_ms, found) {
         (Prior::Fixed(ms), _) => format!("a readout of {ms} ms"),
-        (_, Some(camera)) => format!("an estimated readout of {:.1} ms", 1e3 * camera.readout_s),
+        (_, Some(camera)) => format!("an estimated readout of {:.1} ms", 1e3 * camera.readout_s.value),
         (_, None) => "an unknown readout".into(),
     }
 }

@@ -71,7 +71,7 @@ pub struct Cho2007 {
 impl Cho2007 {
     /// A model that has seen nothing.
     pub fn new(parameters: Parameters, readout: Prior, hfov: Prior) -> Self {
-        let (hfov_deg, _) = hfov.or(USUAL_HFOV_DEG, 0.0);
+        let hfov_deg = hfov.or(USUAL_HFOV_DEG, 0.0).value;
         Self { parameters, readout, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
     }
 
@@ -93,7 +93,7 @@ impl Cho2007 {
     /// Decomposes the pair's homography. What is not believed counts as no motion.
     pub fn observe(&mut self, pair: &Pair<'_>) {
         let interval_s = pair.interval_s;
-        let part = self.readout.or(USUAL_READOUT * interval_s, 0.0).0 / interval_s;
+        let part = self.readout.or(USUAL_READOUT * interval_s, 0.0).value / interval_s;
         let rows = self.height / if part.abs() < MIN_READOUT { MIN_READOUT } else { part };
         let confidence = pair.fit.confidence;
         let believe = |zoom: Option<Zoom>| zoom.unwrap_or_default().part(confidence.sqrt());

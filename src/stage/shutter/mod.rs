@@ -8,8 +8,9 @@ pub mod cho2007;
 pub mod continuous;
 
 use crate::frame::{Fit, Track};
-use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion};
+use crate::geometry::{Calibration, Estimate, Homography, OutputMap, Pose, RowMotion};
 
+use crate::kernel::Level;
 use cho2007::Cho2007;
 use continuous::Continuous;
 
@@ -56,11 +57,11 @@ pub enum Prior {
 
 impl Prior {
     /// Value and standard deviation; those given where nothing is known.
-    pub fn or(self, value: f64, deviation: f64) -> (f64, f64) {
+    pub fn or(self, value: f64, sigma: f64) -> Estimate {
         match self {
-            Self::Unknown => (value, deviation),
-            Self::Gaussian(value, deviation) => (value, deviation),
-            Self::Fixed(value) => (value, 0.0),
+            Self::Unknown => Estimate { value, sigma },
+            Self::Gaussian(value, sigma) => Estimate { value, sigma },
+            Self::Fixed(value) => Estimate::exact(value),
         }
     }
 
@@ -164,18 +165,18 @@ pub enum Shutter {
 
 impl Shutter {
     /// The model that `params` names, for a camera of which `optics` is known. The same `seed` gives the same choices.
-    pub fn new(params: &Params, optics: Optics, seed: u64) -> Self {
+    pub fn new(params: &Params, optics: Optics, seed: u64, level: Level) -> Self {
         match params.model {
             Model::Cho2007 => Self::Cho2007(Cho2007::new(params.parameters, optics.readout_s, optics.hfov_deg)),
-            Model::Continuous => Self::Continuous(Continuous::new(optics, seed)),
+            Model::Continuous => Self::Continuous(Continuous::new(optics, seed, level)),
         }
     }
 
-    /// What is believed of the camera; `None` where the model does not find it out.
+    /// What is believed of the camera; `None` where the model does not estimate it, and before the first pair of frames.
     pub fn calibration(&self) -> Option<Calibration> {
         match self {
             Self::Cho2007(_) => None,
-            Self::Continuous(model) => Some(model.calibration()),
+            Self::Continuous(model) => model.calibration(),
         }
     }
 

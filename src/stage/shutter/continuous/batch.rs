@@ -37,15 +37,15 @@ pub struct Batch {
     rates: Vec<[f64; CURVE]>,
     /// Products of the derivative's channels (the lower triangle, row by row), x and y together.
     products: Vec<[f64; WIDE]>,
-    /// The derivative's channels times what was seen, then times each global's effect.
+    /// The derivative's channels times what was seen, then times each parameter's effect.
     single: Vec<[f64; BROAD]>,
     scale: Vec<f64>,
-    said: Vec<[f64; WIDE]>,
+    predicted: Vec<[f64; WIDE]>,
 }
 
 /// What path and flow say of a measurement.
 #[derive(Clone, Copy, Debug)]
-pub struct Said {
+pub struct Prediction {
     /// Difference of the poses and what the flow adds to it.
     pub change: Pose,
     /// Speeds at the sooner and the later moment, units / s.
@@ -54,10 +54,10 @@ pub struct Said {
 
 impl Batch {
     /// No measurements, with room for `most` (at most 4096).
-    pub fn new(most: usize) -> Self {
+    pub fn new(most: usize, level: Level) -> Self {
         let most = most.min(1 << INDEX_BITS);
         Self {
-            level: Level::detected(),
+            level,
             keys: Vec::with_capacity(most),
             places: Vec::with_capacity(most),
             flows: Vec::with_capacity(most),
@@ -66,7 +66,7 @@ impl Batch {
             products: Vec::with_capacity(most),
             single: Vec::with_capacity(most),
             scale: Vec::with_capacity(most),
-            said: Vec::with_capacity(most),
+            predicted: Vec::with_capacity(most),
         }
     }
 
@@ -94,8 +94,8 @@ impl Batch {
         let count = self.keys.len();
         self.scale.clear();
         self.scale.resize(count, 0.0);
-        self.said.clear();
-        self.said.resize(count, [0.0; WIDE]);
+        self.predicted.clear();
+        self.predicted.resize(count, [0.0; WIDE]);
         self.weights.clear();
         self.rates.clear();
         self.products.clear();
@@ -147,11 +147,11 @@ impl Batch {
         }
     }
 
-    /// Says how what the path says of measurement `index` (in the batch's order) depends on the globals (x, y), to be added with the
+    /// Says how what the path says of measurement `index` (in the batch's order) depends on the parameters (x, y), to be added with the
     /// rest. `derivative` as when it was prepared.
-    pub fn set_globals(&mut self, index: usize, derivative: &[Pose; 2], by_global: &[[f64; 2]; G]) {
+    pub fn set_parameters(&mut self, index: usize, derivative: &[Pose; 2], by_parameter: &[[f64; 2]; G]) {
         let [dx, dy] = derivative;
-        for (g, [x, y]) in by_global.iter().enumerate() {
+        for (g, [x, y]) in by_parameter.iter().enumerate() {
             for c in 0..4 {
                 self.single[index][4 * (1 + g) + c] = x * dx[c] + y * dy[c];
             }
@@ -167,7 +167,7 @@ impl Batch {
             let Some(points) = points(run[0]) else { continue };
             let path = filter.points(points);
             let (weights, rates) = (&self.weights[range.clone()], &self.rates[range.clone()]);
-            normal::evaluate(self.level, &path, weights, rates, &mut self.said[range]);
+            normal::evaluate(self.level, &path, weights, rates, &mut self.predicted[range]);
         }
     }
 
@@ -178,10 +178,10 @@ impl Batch {
 
     /// Of measurement `index` in the batch's order: its number, and what the path said of it.
     #[inline]
-    pub fn said_at(&self, index: usize) -> (usize, Said) {
-        let said = &self.said[index];
-        let pose = |i: usize| std::array::from_fn(|c| said[4 * i + c]);
-        (number(self.keys[index]), Said { change: pose(0), speeds: [pose(1), pose(2)] })
+    pub fn prediction(&self, index: usize) -> (usize, Prediction) {
+        let predicted = &self.predicted[index];
+        let pose = |i: usize| std::array::from_fn(|c| predicted[4 * i + c]);
+        (number(self.keys[index]), Prediction { change: pose(0), speeds: [pose(1), pose(2)] })
     }
 
     /// Where on the flow measurement `number` lies.
@@ -189,9 +189,9 @@ impl Batch {
         &self.flows[number]
     }
 
-    /// As [`Batch::said_at`], of all in turn.
-    pub fn said(&self) -> impl Iterator<Item = (usize, Said)> + Clone {
-        (0..self.len()).map(|index| self.said_at(index))
+    /// As [`Batch::prediction`], of all in turn.
+    pub fn predictions(&self) -> impl Iterator<Item = (usize, Prediction)> + Clone {
+        (0..self.len()).map(|index| self.prediction(index))
     }
 }
 

@@ -8,6 +8,7 @@
 use super::flow::{self, BINS, Flow};
 use super::normal::{FLOWS, G, Marginal, N, Normal, Solution};
 use crate::geometry::Pose;
+use crate::kernel::Level;
 use crate::kernel::normal::{CURVE, POINTS, Sums};
 
 /// Control points held at a time, at most.
@@ -69,7 +70,7 @@ const PIN: f64 = 1e-4;
 
 impl Filter {
     /// A filter without control points, for points `spacing_s` seconds apart.
-    pub fn new(spacing_s: f64, prior: MotionPrior) -> Self {
+    pub fn new(spacing_s: f64, prior: MotionPrior, level: Level) -> Self {
         Self {
             spacing_s,
             prior,
@@ -78,9 +79,9 @@ impl Filter {
             fresh: 0,
             ease: [[[1.0; 4]; 2]; MAX_POINTS],
             spread: [[1.0; 4]; 2],
-            base: Box::new(Normal::new()),
-            full: Box::new(Normal::new()),
-            solution: Solution::new(),
+            base: Box::new(Normal::new(level)),
+            full: Box::new(Normal::new(level)),
+            solution: Solution::new(level),
             flow: Flow::default(),
         }
     }
@@ -149,7 +150,7 @@ impl Filter {
 
     /// Restarts at `time_s`, at rest at `pose`, with points `spacing_s` apart; `pose` may be off by `off` in each parameter.
     pub fn restart(&mut self, time_s: f64, pose: Pose, spacing_s: f64) {
-        // what the old points knew of the globals is kept
+        // what the old points knew of the calibration is kept
         let n = self.unknowns();
         self.base.eliminate(FLOWS, n, n);
         self.spacing_s = spacing_s;
@@ -365,8 +366,8 @@ impl Filter {
         }
     }
 
-    /// Adds what the measurements say of the globals themselves, on trial.
-    pub fn add_globals(&mut self, corner: [[f64; G]; G], right: [f64; G]) {
+    /// Adds what the measurements say of the calibration itself, on trial.
+    pub fn add_calibration(&mut self, corner: [[f64; G]; G], right: [f64; G]) {
         for g in 0..G {
             for h in 0..G {
                 self.full.corner[g][h] += corner[g][h];
@@ -396,12 +397,12 @@ impl Filter {
         })
     }
 
-    /// What [`Filter::solve`] found said of the globals, the path eliminated.
+    /// What the equations say of the calibration once the path is eliminated, after [`Filter::solve`].
     pub fn marginal(&self) -> Marginal {
         self.solution.marginal
     }
 
-    /// How the pose at a moment depends on the globals, after [`Filter::solve`] and before [`Filter::accept`].
+    /// How the pose at a moment depends on the calibration, after [`Filter::solve`] and before [`Filter::accept`].
     pub fn sensitivity(&self, time_s: f64) -> [Pose; G] {
         let Place { first, weights, .. } = self.place(time_s);
         let points: [usize; 4] = std::array::from_fn(|i| FLOWS + 4 * self.held_point(first + i as i64));
@@ -410,10 +411,10 @@ impl Filter {
             .map(|x| std::array::from_fn(|c| points.iter().zip(weights).map(|(point, weight)| weight * x[point + c]).sum()))
     }
 
-    /// Moves the globals' origin by `shift` and the whole path by `offset`. To follow [`Filter::accept`].
-    pub fn move_globals(&mut self, shift: [f64; G], offset: &Pose) {
+    /// Moves the calibration's origin by `shift` and the whole path by `offset`. To follow [`Filter::accept`].
+    pub fn move_calibration(&mut self, shift: [f64; G], offset: &Pose) {
         let n = self.unknowns();
-        self.base.shift_globals(shift, n);
+        self.base.shift_parameters(shift, n);
         if offset.iter().all(|value| value.is_finite()) {
             self.base.offset(FLOWS, n, offset);
         }
@@ -424,8 +425,8 @@ impl Filter {
         (number - self.first).clamp(0, self.points as i64 - 1) as usize
     }
 
-    /// Forgets whatever was said of the globals.
-    pub fn forget_globals(&mut self) {
+    /// Forgets what was measured of the calibration.
+    pub fn forget_calibration(&mut self) {
         self.base.corner = [[0.0; G]; G];
         self.base.corner_right = [0.0; G];
         self.base.cross = [[0.0; N]; G];
@@ -468,7 +469,7 @@ mod tests {
             (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         };
         let prior = MotionPrior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
-        let mut filter = Filter::new(0.01, prior);
+        let mut filter = Filter::new(0.01, prior, Level::detected());
         filter.restart(1.0, [0.0; 4], 0.01);
         assert!(filter.extend_to(1.12));
         filter.start_trial();
@@ -479,30 +480,30 @@ mod tests {
             let sooner = 1.03 + 0.02 * random();
             [[sooner, sooner + 0.05], [sooner, sooner + 0.013], [sooner, sooner + 0.001], [sooner, 3.0]][i % 4]
         };
-        let mut batch = Batch::new(100);
+        let mut batch = Batch::new(100, Level::detected());
         let mut wanted = filter.full.clone();
         let mut seen = Vec::new();
         for i in 0..37 {
             let places = moments(i, &mut random).map(|time| filter.place(time));
             let derivative: [Pose; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
             let value = [random(), random()];
-            let by_global: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);
+            let by_parameter: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);
             let row = flow::Row::new(0.5 + 0.7 * random(), 1.0 / 30.0);
             batch.push(&filter, places, row);
-            seen.push((derivative, value, by_global, places, row));
+            seen.push((derivative, value, by_parameter, places, row));
         }
         let information = |i: usize| 0.1 + i as f64;
         batch.prepare(|i| (seen[i].0, seen[i].1));
         for index in 0..batch.len() {
-            let (i, _) = batch.said_at(index);
-            batch.set_globals(index, &seen[i].0, &seen[i].2);
+            let (i, _) = batch.prediction(index);
+            batch.set_parameters(index, &seen[i].0, &seen[i].2);
         }
         batch.add_to(&mut filter, information);
         batch.evaluate(&filter);
-        for (i, said) in batch.said() {
-            let (derivative, value, by_global, places, row) = &seen[i];
+        for (i, prediction) in batch.predictions() {
+            let (derivative, value, by_parameter, places, row) = &seen[i];
             if i % 4 == 3 {
-                assert_eq!(said.change, [0.0; 4]);
+                assert_eq!(prediction.change, [0.0; 4]);
                 continue;
             }
             let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);
@@ -526,8 +527,8 @@ mod tests {
                 }
             }
             for c in 0..4 {
-                assert!((said.change[c] - difference[c] - flowed[c]).abs() < 1e-12);
-                (0..2).for_each(|m| assert!((said.speeds[m][c] - speeds[m][c]).abs() < 1e-9));
+                assert!((prediction.change[c] - difference[c] - flowed[c]).abs() < 1e-12);
+                (0..2).for_each(|m| assert!((prediction.speeds[m][c] - speeds[m][c]).abs() < 1e-9));
             }
             for (axis, row) in rows.iter().enumerate() {
                 for p in 0..n {
@@ -536,7 +537,7 @@ mod tests {
                     }
                     wanted.right[p] += information(i) * row[p] * value[axis];
                     for g in 0..G {
-                        wanted.cross[g][p] += information(i) * row[p] * by_global[g][axis];
+                        wanted.cross[g][p] += information(i) * row[p] * by_parameter[g][axis];
                     }
                 }
             }

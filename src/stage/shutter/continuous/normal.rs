@@ -1,4 +1,4 @@
-//! Normal equations with a border: many unknowns of path and flow, and a few globals (readout time, focal length, the lens's k1) that all see.
+//! Normal equations with a border: many unknowns of path and flow, and a few parameters (of the calibration: readout time, focal length, the lens's k1) that all see.
 //!
 //! ```text
 //! [ A  C' ] [ x ]   [ r ]
@@ -13,7 +13,7 @@ use crate::kernel::{Level, dense};
 pub const N: usize = FLOWS + 160;
 /// How many of them, the first ones, are the flow's (`super::flow`) and never eliminated; the others are the path's.
 pub const FLOWS: usize = 4 * super::flow::BINS;
-/// Globals.
+/// Parameters of the calibration: readout time, logarithm of the focal length, the lens's k1.
 pub const G: usize = 3;
 
 /// The equations: an information matrix and its right-hand side.
@@ -41,13 +41,13 @@ pub struct Solution {
     /// L^-1 C' for the factor L, and how many unknowns there were.
     border: Box<[[f64; N]; G]>,
     solved: usize,
-    /// x, with the globals at their origin.
+    /// x, with the parameters at their origin.
     pub path: Box<[f64; N]>,
-    /// What the equations say of the globals once the path is eliminated.
+    /// What the equations say of the parameters once the path is eliminated.
     pub marginal: Marginal,
 }
 
-/// Normal equations of the globals alone.
+/// Normal equations of the parameters alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Marginal {
     /// Information matrix.
@@ -57,7 +57,7 @@ pub struct Marginal {
 }
 
 impl Marginal {
-    /// Moves the origin of the globals by `shift`.
+    /// Moves the origin of the parameters by `shift`.
     pub fn move_origin(&mut self, shift: [f64; G]) {
         for (right, row) in self.right.iter_mut().zip(&self.matrix) {
             *right -= row.iter().zip(shift).map(|(entry, shift)| entry * shift).sum::<f64>();
@@ -67,18 +67,18 @@ impl Marginal {
 
 impl Normal {
     /// Equations that say nothing.
-    pub fn new() -> Self {
+    pub fn new(level: Level) -> Self {
         Self {
             matrix: vec![0.0; N * N].into_boxed_slice(),
             right: [0.0; N],
             cross: [[0.0; N]; G],
             corner: [[0.0; G]; G],
             corner_right: [0.0; G],
-            level: Level::detected(),
+            level,
         }
     }
 
-    /// Takes over what `other` says of its first `n` unknowns and of the globals.
+    /// Takes over what `other` says of its first `n` unknowns and of the parameters.
     pub fn copy_from(&mut self, other: &Self, n: usize) {
         for i in 0..n {
             self.matrix[i * N..=i * N + i].copy_from_slice(&other.matrix[i * N..=i * N + i]);
@@ -143,7 +143,7 @@ impl Normal {
         column
     }
 
-    /// Takes from `rest` (two ranges of unknowns) and the globals what eliminating unknown `k` takes.
+    /// Takes from `rest` (two ranges of unknowns) and the parameters what eliminating unknown `k` takes.
     fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: [[usize; 2]; 2]) {
         // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
         let said = self.right[k] / pivot;
@@ -191,8 +191,8 @@ impl Normal {
         }
     }
 
-    /// Moves the origin of the globals to `origin`: what was `origin` is 0 from now on.
-    pub fn shift_globals(&mut self, origin: [f64; G], n: usize) {
+    /// Moves the origin of the parameters to `origin`: what was `origin` is 0 from now on.
+    pub fn shift_parameters(&mut self, origin: [f64; G], n: usize) {
         for (g, origin) in origin.into_iter().enumerate() {
             for (right, cross) in self.right[..n].iter_mut().zip(&self.cross[g]) {
                 *right -= cross * origin;
@@ -206,10 +206,10 @@ impl Normal {
 
 impl Solution {
     /// All zero.
-    pub fn new() -> Self {
+    pub fn new(level: Level) -> Self {
         let factor = vec![0.0; N * N].into_boxed_slice();
         let (border, path) = (Box::new([[0.0; N]; G]), Box::new([0.0; N]));
-        Self { factor, level: Level::detected(), border, solved: 0, path, marginal: Marginal::default() }
+        Self { factor, level, border, solved: 0, path, marginal: Marginal::default() }
     }
 
     /// Solves the first `n` unknowns. False where the equations have no solution; the solution is then what it was.
@@ -219,7 +219,7 @@ impl Solution {
         }
         let mut x = normal.right;
         self.forward(&mut x[..n]);
-        // border: w = L^-1 C', K - w'w is what the globals have to themselves
+        // border: w = L^-1 C', K - w'w is what the parameters have to themselves
         let mut w = normal.cross;
         let mut marginal = Marginal { matrix: normal.corner, right: normal.corner_right };
         for g in 0..G {
@@ -246,7 +246,7 @@ impl Solution {
         finite
     }
 
-    /// How the unknowns from `from` to the last change with each global.
+    /// How the unknowns from `from` to the last change with each parameter.
     pub fn sensitivity(&self, from: usize) -> [[f64; N]; G] {
         std::array::from_fn(|g| {
             let mut x = [0.0; N];
@@ -258,7 +258,7 @@ impl Solution {
         })
     }
 
-    /// The variance of a linear function of the path from unknown `from` on, were the globals known.
+    /// The variance of a linear function of the path from unknown `from` on, were the parameters known.
     pub fn variance(&self, from: usize, function: &mut [f64]) -> f64 {
         dense::forward(self.level, &self.factor[from * N + from..], function, N);
         dot(function, function)
@@ -286,7 +286,7 @@ mod tests {
     fn an_offset_moves_the_solution_and_nothing_else() {
         let (n, from, offset) = (24, 8, [0.7, -0.2, 0.1, 0.4]);
         let mut normal = system(n, 13);
-        let (mut before, mut after) = (Solution::new(), Solution::new());
+        let (mut before, mut after) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(before.solve(&normal, n));
         normal.offset(from, n, &offset);
         assert!(after.solve(&normal, n));
@@ -300,13 +300,13 @@ mod tests {
     }
 
     #[test]
-    fn the_sensitivity_is_what_a_shift_of_the_globals_does() {
+    fn the_sensitivity_is_what_a_shift_of_the_parameters_does() {
         let (n, from, shift) = (20, 12, [0.3, -0.1, 0.2]);
         let mut normal = system(n, 17);
-        let (mut before, mut after) = (Solution::new(), Solution::new());
+        let (mut before, mut after) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(before.solve(&normal, n));
         let sensitivity = before.sensitivity(from);
-        normal.shift_globals(shift, n);
+        normal.shift_parameters(shift, n);
         assert!(after.solve(&normal, n));
         for i in from..n {
             let moved: f64 = (0..G).map(|g| shift[g] * sensitivity[g][i]).sum();
@@ -321,7 +321,7 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         };
-        let mut normal = Normal::new();
+        let mut normal = Normal::new(Level::SCALAR);
         for _ in 0..3 * n {
             let row: Vec<f64> = (0..n + G).map(|_| random()).collect();
             let value = random();
@@ -348,7 +348,7 @@ mod tests {
     fn elimination_changes_nothing_of_what_is_left() {
         let (n, cut) = (20, 8);
         let mut normal = system(n, 3);
-        let (mut whole, mut rest) = (Solution::new(), Solution::new());
+        let (mut whole, mut rest) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(whole.solve(&normal, n));
         normal.eliminate(0, cut, n);
         assert!(rest.solve(&normal, n - cut));
@@ -367,7 +367,7 @@ mod tests {
     fn elimination_in_the_middle_leaves_both_sides() {
         let (n, from, to) = (FLOWS + 20, FLOWS, FLOWS + 8);
         let mut normal = system(n, 7);
-        let (mut whole, mut rest) = (Solution::new(), Solution::new());
+        let (mut whole, mut rest) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(whole.solve(&normal, n));
         normal.eliminate(from, to, n);
         assert!(rest.solve(&normal, n + from - to));
@@ -390,7 +390,7 @@ mod tests {
         both.matrix[n * N + k] = -keep / variance;
         both.matrix[k * N + k] += keep * keep / variance;
         normal.drift(k, keep, variance, n);
-        let (mut wanted, mut found) = (Solution::new(), Solution::new());
+        let (mut wanted, mut found) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(wanted.solve(&both, n + 1) && found.solve(&normal, n));
         for i in 0..n {
             let successor = if i == k { n } else { i };
@@ -405,13 +405,13 @@ mod tests {
     }
 
     #[test]
-    fn moving_the_origin_of_the_globals_moves_what_is_said_of_them() {
+    fn moving_the_origin_of_the_parameters_moves_their_marginal() {
         let n = 12;
         let mut normal = system(n, 5);
-        let (mut before, mut after) = (Solution::new(), Solution::new());
+        let (mut before, mut after) = (Solution::new(Level::SCALAR), Solution::new(Level::SCALAR));
         assert!(before.solve(&normal, n));
         let shift = [0.7, -0.3, 0.2];
-        normal.shift_globals(shift, n);
+        normal.shift_parameters(shift, n);
         assert!(after.solve(&normal, n));
         before.marginal.move_origin(shift);
         for g in 0..G {

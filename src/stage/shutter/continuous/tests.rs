@@ -1,7 +1,8 @@
 //! Cameras that travel, as tracks whose truth is known.
 
 use super::*;
-use crate::frame::{Fit, Track};
+use crate::frame::Fit;
+use crate::geometry::Pinhole;
 use crate::stage::shutter::{Prior, certainty};
 
 const SIZE: [usize; 2] = [640, 360];
@@ -115,7 +116,7 @@ impl Truth {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         };
-        let mut model = Continuous::new(optics, 1);
+        let mut model = Continuous::new(optics, 1, Level::detected());
         model.begin(SIZE);
         let (mut off, mut size, mut count) = (0.0, 0.0, 0);
         for k in 0..frames {
@@ -176,7 +177,7 @@ fn the_lens_is_found() {
             let truth = Truth { pose: shaken, place, readout_s: 0.75 * INTERVAL_S, walled: false, k1, interval_s: INTERVAL_S };
             let optics = Optics { readout_s: Prior::Fixed(truth.readout_s), hfov_deg, lens_k1: Prior::Unknown };
             let (model, off, size) = truth.followed_by(optics, 120);
-            let found = certainty::lens(&model.calibration());
+            let found = certainty::lens(&model.calibration().unwrap());
             println!("k1 {k1}: {:.3} +- {:.3}, rows off by {off:.3} px of {size:.3}", found.value, found.uncertainty);
             assert!((found.value - k1).abs() < found.uncertainty, "{k1}: {found:?}");
             assert!((found.value - k1).abs() < 0.04, "{k1}: {found:?}");
@@ -192,7 +193,7 @@ fn where_all_is_near_the_path_follows_the_picture() {
     let truth =
         Truth { pose: shaken, place: swaying, readout_s: 0.75 * INTERVAL_S, walled: true, k1: 0.0, interval_s: INTERVAL_S };
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Prior::Fixed(truth.readout_s), Prior::Fixed(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Fixed(truth.readout_s), Prior::Fixed(HFOV_DEG)), 1, Level::detected());
     model.begin(SIZE);
     let mut state = 5u64;
     let mut random = || {
@@ -231,7 +232,7 @@ fn after_silence_the_path_rests_and_a_few_points_are_not_believed_at_once() {
         [0.4 * t, 0.0, 0.0]
     }
     let truth = Truth { pose: panned, place: still, readout_s: 0.0, walled: false, k1: 0.0, interval_s: INTERVAL_S };
-    let mut model = Continuous::new(optics(Prior::Fixed(0.0), Prior::Fixed(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Fixed(0.0), Prior::Fixed(HFOV_DEG)), 1, Level::detected());
     model.begin(SIZE);
     let mut state = 5u64;
     let mut random = || {
@@ -267,7 +268,7 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
             interval_s: INTERVAL_S,
         };
         let (model, ..) = truth.followed(Prior::Unknown, 150);
-        let found = certainty::readout(&model.calibration(), INTERVAL_S);
+        let found = certainty::readout(&model.calibration().unwrap(), INTERVAL_S);
         let [value, uncertainty] = [found.value, found.uncertainty].map(|s| s / INTERVAL_S);
         println!("readout {readout}: {value:.3} +- {uncertainty:.3}");
         assert!((value - readout).abs() < 0.1, "{readout}: {value}");
@@ -276,7 +277,7 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
     let truth =
         Truth { pose: still, place: walking, readout_s: 0.75 * INTERVAL_S, walled: false, k1: 0.0, interval_s: INTERVAL_S };
     let (model, ..) = truth.followed(Prior::Unknown, 150);
-    let found = model.calibration();
+    let found = model.calibration().unwrap();
     println!("no shake: {:?}", certainty::readout(&found, INTERVAL_S));
     assert_eq!(certainty::known_readout(&found, INTERVAL_S), None);
     assert_eq!(certainty::known_hfov(&found), None);
@@ -308,7 +309,7 @@ fn turned(camera: &Pinhole, turn: Pose, random: &mut impl FnMut() -> f64) -> Vec
 fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
     let camera = Pinhole::new(SIZE, HFOV_DEG).with_lens(-0.05, SIZE[0]);
     let optics = Optics { readout_s: Prior::Fixed(0.0), hfov_deg: Prior::Unknown, lens_k1: Prior::Unknown };
-    let mut model = Continuous::new(optics, 1);
+    let mut model = Continuous::new(optics, 1, Level::detected());
     model.begin(SIZE);
     let mut random = numbers();
     let mut path = Vec::new();
@@ -332,7 +333,7 @@ fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
 #[test]
 fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Fixed(HFOV_DEG)), 1);
+    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Fixed(HFOV_DEG)), 1, Level::detected());
     model.begin(SIZE);
     let mut random = numbers();
     let mut believed = Vec::new();
@@ -344,8 +345,8 @@ fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
         let mut tracks = turned(&camera, [yaw, pitch, 0.0, 0.0], &mut random);
         let fit = Fit::default();
         model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
-        believed.push(model.calibration().readout_s / INTERVAL_S);
-        drawn.push(model.drawn_s / INTERVAL_S);
+        believed.push(model.calibration().unwrap().readout_s.value / INTERVAL_S);
+        drawn.push(model.calibrator.drawn_s / INTERVAL_S);
         parts.push(model.newest().rows_part);
     }
     let step = |values: &[f64]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
@@ -383,7 +384,7 @@ struct Point {
 /// frames and has an error of up to .3 px; and whether a hand with forty points waves before it from the third second to the sixth.
 fn dark_wall(count: usize, with_hand: bool) -> [f64; 2] {
     let camera = Pinhole::new(SIZE, HFOV_DEG);
-    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Unknown), 1);
+    let mut model = Continuous::new(optics(Prior::Unknown, Prior::Unknown), 1, Level::detected());
     model.begin(SIZE);
     let mut random = numbers();
     let [mut wall, mut hand]: [Vec<Point>; 2] = Default::default();

@@ -1,11 +1,11 @@
-//! A first look at the readout time: how much the picture leans while the camera turns faster.
+//! A rough search for the readout time: how much the picture leans while the camera turns faster.
 //!
 //! Between two frames row y moves by `P(t_b + readout y / H) - P(t_a + readout y / H)`, which changes from the first row to the last by
 //! `readout (P'(t_b) - P'(t_a))`. The hypotheses know that slope over the rows; the change of speed is half the difference of the
 //! turns of the pairs before and after. Both are turns, so that neither focal length nor anything else is asked: least squares give
 //! the readout time, with its sign. For shake of angular frequency w the differences of turns see
 //! sin(wT) / (wT) of the change of speed; w is known from how much the turns bend (second difference: 4 sin(wT/2)^2 of the turn). For a mix of
-//! frequencies that is roughly right, so this is a first look, and no more.
+//! frequencies that is roughly right, so this only bounds the estimate.
 
 use crate::geometry::{Pose, hypot};
 
@@ -13,14 +13,14 @@ use crate::geometry::{Pose, hypot};
 const MEMORY_S: f64 = 6.0;
 /// Standard deviations that are stated for one that the statistics give: neighbouring pairs share their errors.
 const CAUTION: f64 = 2.0;
-/// Pairs below which nothing is said.
+/// Pairs below which there is no estimate.
 const MIN_PAIRS: f64 = 12.0;
 /// Factor between two intervals up to which they count as even.
 const EVEN: f64 = 1.25;
 
 /// A pair of frames: its interval, its turn and that turn's slope over the rows (yaw, pitch).
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct Turn {
     interval_s: f64,
     turn: [f64; 2],
     slope: [f64; 2],
@@ -30,16 +30,16 @@ struct Seen {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReadoutSearch {
     /// The last two pairs, the newest last.
-    last: [Seen; 2],
+    last: [Turn; 2],
     /// Sums of slope x change of speed, change^2, slope^2, turn^2, bend^2, and of 1.
     sums: [f64; 6],
 }
 
 impl ReadoutSearch {
-    /// Takes in a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at. Changes of the turn below
+    /// Adds a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at. Changes of the turn below
     /// `least` (radians) are noise, which would pull the readout time to nothing.
-    pub fn take(&mut self, turn: Pose, slope: Pose, interval_s: f64, least: f64) {
-        let newest = Seen { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
+    pub fn add(&mut self, turn: Pose, slope: Pose, interval_s: f64, least: f64) {
+        let newest = Turn { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
         let [first, middle] = self.last;
         self.last = [middle, newest];
         let even = |a: f64, b: f64| a > 0.0 && b > 0.0 && a < EVEN * b && b < EVEN * a;
@@ -67,7 +67,7 @@ impl ReadoutSearch {
 
     /// The next pair does not follow the last one.
     pub fn interrupt(&mut self) {
-        self.last = [Seen::default(); 2];
+        self.last = [Turn::default(); 2];
     }
 
     /// Readout time and its standard deviation, seconds.
@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn readout_and_sign_are_seen() {
         for readout in [0.8, 0.3, -0.6] {
-            let (interval, mut slope) = (1.0 / 30.0, ReadoutSearch::default());
+            let (interval, mut search) = (1.0 / 30.0, ReadoutSearch::default());
             let path = |t: f64| [0.01 * (9.0 * t).sin(), 0.006 * (13.0 * t + 1.0).cos()];
             let speed = |t: f64| [0.09 * (9.0 * t).cos(), -0.078 * (13.0 * t + 1.0).sin()];
             for k in 0..90 {
@@ -111,9 +111,9 @@ mod tests {
                 let by = |f: &dyn Fn(f64) -> [f64; 2], c: usize| f(b)[c] - f(a)[c];
                 let turn = [by(&path, 0), by(&path, 1), 0.0, 0.0];
                 let lean = [readout * interval * by(&speed, 0), readout * interval * by(&speed, 1), 0.0, 0.0];
-                slope.take(turn, lean, interval, 1e-5);
+                search.add(turn, lean, interval, 1e-5);
             }
-            let (found, deviation) = slope.readout().unwrap();
+            let (found, deviation) = search.readout().unwrap();
             let (found, deviation) = (found / interval, deviation / interval);
             assert!((found - readout).abs() < 0.05 * readout.abs(), "{readout}: {found}");
             assert!(deviation < 0.1);
@@ -126,24 +126,24 @@ mod tests {
         for (readout, believed, wanted) in
             [(0.8, 0.8, 0.8), (0.2, 0.8, 0.2), (0.0, 0.7, 0.0), (-0.6, -0.6, -0.6), (-0.6, 0.6, 0.0)]
         {
-            let mut slope = ReadoutSearch::default();
-            assert_eq!(slope.drawn(believed * interval), believed * interval, "nothing was seen");
+            let mut search = ReadoutSearch::default();
+            assert_eq!(search.drawn(believed * interval), believed * interval, "nothing was seen");
             for k in 0..90 {
                 let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
                 let lean = readout * 0.5 * (turn(k + 1) - turn(k - 1)) + 1e-4 * (9.7 * f64::from(k)).sin();
-                slope.take([turn(k), 0.0, 0.0, 0.0], [lean, 0.0, 0.0, 0.0], interval, least);
+                search.add([turn(k), 0.0, 0.0, 0.0], [lean, 0.0, 0.0, 0.0], interval, least);
             }
-            let drawn = slope.drawn(believed * interval) / interval;
+            let drawn = search.drawn(believed * interval) / interval;
             assert!((drawn - wanted).abs() < 0.05, "{readout} {believed}: {drawn}");
         }
     }
 
     #[test]
     fn a_still_camera_says_nothing() {
-        let mut slope = ReadoutSearch::default();
+        let mut search = ReadoutSearch::default();
         for _ in 0..90 {
-            slope.take([0.0; 4], [0.0; 4], 1.0 / 30.0, 1e-5);
+            search.add([0.0; 4], [0.0; 4], 1.0 / 30.0, 1e-5);
         }
-        assert_eq!(slope.readout(), None);
+        assert_eq!(search.readout(), None);
     }
 }

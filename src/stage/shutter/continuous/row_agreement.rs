@@ -17,11 +17,12 @@ use nalgebra::{SMatrix, SVector};
 
 /// What a homography can do.
 const BASIS: usize = 8;
-/// Seconds for which the pictures' word is remembered.
+/// Seconds for which agreement is remembered.
 const MEMORY_S: f64 = 1.5;
-/// Motion that is believed without a word from the pictures, pixels.
-const UNHEARD_PX: f64 = 0.06;
-/// Agreement below which nothing is undone, and from which everything is.
+/// Motion of the rows that is believed without agreement, pixels: less is not seen, and lost in the tracks' errors.
+const UNCHECKED_PX: f64 = 0.06;
+/// Agreement below which nothing is undone, and from which everything is: between the 0.2 of footage in which something else wobbles and
+/// the 0.98 of rendered rolling shutter.
 const RAMP: [f64; 2] = [0.25, 0.9];
 
 /// A track as it is compared.
@@ -90,19 +91,19 @@ impl Moments {
     }
 }
 
-/// The pictures' word so far.
+/// How the pictures agreed so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Agreement {
+pub struct RowAgreement {
     /// Faded means over the tracks of r.p and p.p (pixels^2), and of 1.
     sums: [f64; 3],
 }
 
-impl Agreement {
-    /// Takes in what a pair of frames, `interval_s` apart, showed. With M the sums of products of the basis, s and t those of the basis with r
+impl RowAgreement {
+    /// Adds what a pair of frames, `interval_s` apart, showed. With M the sums of products of the basis, s and t those of the basis with r
     /// and with p, what is left of `sum r.p` is `sum r.p - s' M^-1 t`.
-    pub fn take(&mut self, tracks: impl Iterator<Item = Compared>, interval_s: f64) {
+    pub fn add(&mut self, tracks: impl Iterator<Item = Compared>, interval_s: f64) {
         let mut moments = Moments::default();
-        let (mut seen, mut said) = ([0.0; BASIS], [0.0; BASIS]);
+        let (mut seen, mut predicted) = ([0.0; BASIS], [0.0; BASIS]);
         // of r.p, p.p and 1; what a homography explains of the first two is taken from them below
         let (mut across, mut square, mut sum) = (0.0, 0.0, 0.0);
         for track in tracks {
@@ -111,7 +112,7 @@ impl Agreement {
             for (sum, news) in seen.iter_mut().zip(track.along(r)) {
                 *sum += weight * news;
             }
-            for (sum, news) in said.iter_mut().zip(track.along(p)) {
+            for (sum, news) in predicted.iter_mut().zip(track.along(p)) {
                 *sum += weight * news;
             }
             across += weight * (r[0] * p[0] + r[1] * p[1]);
@@ -121,10 +122,10 @@ impl Agreement {
         // the factor is made of the lower triangle alone
         let matrix = moments.normal() + SMatrix::<f64, BASIS, BASIS>::identity() * 1e-9;
         let Some(factor) = matrix.cholesky() else { return };
-        let said = SVector::<f64, BASIS>::from(said);
-        let explained = factor.solve(&said);
+        let predicted = SVector::<f64, BASIS>::from(predicted);
+        let explained = factor.solve(&predicted);
         across -= SVector::<f64, BASIS>::from(seen).dot(&explained);
-        square -= said.dot(&explained);
+        square -= predicted.dot(&explained);
         if sum > 0.0 && across.is_finite() && square.is_finite() {
             let keep = (-interval_s / MEMORY_S).exp();
             for (sum, news) in self.sums.iter_mut().zip([across / sum, square / sum, 1.0]) {
@@ -135,8 +136,8 @@ impl Agreement {
 
     /// The share of the rows' motion that is there.
     fn share(&self) -> f64 {
-        let unheard = UNHEARD_PX * UNHEARD_PX;
-        (self.sums[0] + unheard) / (self.sums[1] + unheard)
+        let unchecked = UNCHECKED_PX * UNCHECKED_PX;
+        (self.sums[0] + unchecked) / (self.sums[1] + unchecked)
     }
 
     /// The part of the rows' motion that is to be undone.
@@ -163,10 +164,10 @@ mod tests {
     #[test]
     fn the_share_that_is_there_is_found() {
         for part in [1.0, 0.5, 0.0, -1.0] {
-            let mut agreement = Agreement::default();
+            let mut agreement = RowAgreement::default();
             assert_eq!(agreement.part(), 1.0);
             for _ in 0..200 {
-                agreement.take(tracks(part, 1.0).into_iter(), 1.0 / 30.0);
+                agreement.add(tracks(part, 1.0).into_iter(), 1.0 / 30.0);
             }
             assert!((agreement.share() - part).abs() < 0.02, "{part}: {}", agreement.share());
         }
@@ -174,12 +175,12 @@ mod tests {
 
     #[test]
     fn what_is_small_is_believed() {
-        let mut agreement = Agreement::default();
+        let mut agreement = RowAgreement::default();
         for _ in 0..200 {
-            agreement.take(tracks(0.0, 0.01).into_iter(), 1.0 / 30.0);
+            agreement.add(tracks(0.0, 0.01).into_iter(), 1.0 / 30.0);
         }
         assert_eq!(agreement.part(), 1.0);
-        agreement.take(std::iter::empty(), 1.0);
+        agreement.add(std::iter::empty(), 1.0);
         assert_eq!(agreement.part(), 1.0);
     }
 }
