@@ -187,3 +187,6 @@ fn solve(matrix: &mut [[f64; BAND]; AHEAD], x: &mut [f64; AHEAD]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

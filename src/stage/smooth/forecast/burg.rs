@@ -58,3 +58,72 @@ pub fn predict(weights: &[f64; ORDER], ways: &[f64]) -> [f64; AHEAD] {
         gone
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers of variance 1, always the same.
+    fn numbers(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 / (1u64 << 52) as f64 - 1.0) * 3f64.sqrt()
+        }
+    }
+
+    /// The last ways, the newest first, of `x = a1 x' + a2 x'' + noise`.
+    fn process([a1, a2]: [f64; 2], random: &mut impl FnMut() -> f64) -> Vec<f64> {
+        let mut ways = vec![0.0; PAST + 200];
+        for k in 2..ways.len() {
+            ways[k] = a1 * ways[k - 1] + a2 * ways[k - 2] + random();
+        }
+        ways.reverse();
+        ways.truncate(PAST);
+        ways
+    }
+
+    /// Measured: means off by at most .03, single weights of 120 ways by .1 (one over the root of their number).
+    #[test]
+    fn the_weights_of_a_known_process_are_found() {
+        let mut random = numbers(5);
+        for known in [[1.6, -0.9], [0.5, 0.3], [-0.4, 0.0], [0.0, 0.0]] {
+            let (runs, mut mean) = (400, [0.0; ORDER]);
+            for _ in 0..runs {
+                let found = weights(&process(known, &mut random), 1.0, 0.0);
+                (0..ORDER).for_each(|i| mean[i] += found[i] / f64::from(runs));
+            }
+            println!("{known:?}: {mean:.3?}");
+            for (i, found) in mean.into_iter().enumerate() {
+                let wanted = known.get(i).copied().unwrap_or(0.0);
+                assert!((found - wanted).abs() < 0.06, "{known:?}: weight {i} is {found}, not {wanted}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_swing_is_foreseen_and_what_is_not_seen_is_not_believed() {
+        let swing = |k: f64| (0.4 * k).sin();
+        let ways: Vec<f64> = (0..PAST).map(|k| swing(-(k as f64))).collect();
+        let expected = predict(&weights(&ways, 1.0, 0.0), &ways);
+        let mut gone = 0.0;
+        for (k, expected) in expected.into_iter().enumerate().take(12) {
+            gone += swing(k as f64 + 1.0);
+            assert!((expected - gone).abs() < 0.1, "{k}: {expected} for {gone}");
+        }
+        assert_eq!(weights(&[0.0; PAST], 1.0, 0.0), [0.0; ORDER]);
+        let faint = weights(&ways, 1.0, 1e6);
+        assert!(faint.iter().all(|weight| weight.abs() < 1e-3), "{faint:?}");
+    }
+
+    /// Old ways count less where they are to be forgotten.
+    #[test]
+    fn a_process_that_changed_is_learned_from_its_newest_ways() {
+        let mut random = numbers(9);
+        let mut both = process([-0.8, 0.0], &mut random);
+        both.truncate(40);
+        both.extend(process([0.8, 0.0], &mut random).into_iter().take(PAST - 40));
+        let [kept, faded] = [1.0, 0.9].map(|keep| weights(&both, keep, 0.0)[0]);
+        assert!(faded < -0.5 && kept > faded + 0.3, "{faded} and {kept}");
+    }
+}
