@@ -1,6 +1,6 @@
 //! The notices of third-party code name all that is linked, and nothing else.
 
-#[allow(dead_code)]
+#[expect(dead_code)]
 #[path = "../examples/notices.rs"]
 mod notices;
 

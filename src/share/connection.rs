@@ -154,6 +154,7 @@ impl Connection {
         }
     }
 
+    /// Does what a message asks for.
     fn obey(
         &mut self,
         message: FromCompanion,
@@ -165,45 +166,14 @@ impl Connection {
         self.collect();
         match (message, fd) {
             (FromCompanion::Watch { wants, size }, fd) => {
-                self.size = Some(size);
-                self.watched = wants.is_some();
-                self.kind = wants.unwrap_or(self.kind);
-                self.lease.set_kind(self.kind);
-                self.proven = match (fd, camera) {
-                    (Some(fd), Some(camera)) if camera.is_proven_by(&fd) => true,
-                    (Some(fd), _) => {
-                        closing.close(fd);
-                        false
-                    }
-                    (None, _) => false,
-                };
-                self.judge(format);
-                if self.waits_for_proof() {
-                    self.send(&FromDaemon::Refused(Refusal::Proof));
-                } else if self.watched && !self.lease.live.load(Ordering::Relaxed) {
-                    self.send(&FromDaemon::Refused(Refusal::Size));
-                }
+                (self.size, self.watched, self.kind) = (Some(size), wants.is_some(), wants.unwrap_or(self.kind));
+                self.proven = is_proof(fd, camera, closing);
+                self.watch(format);
             }
             (FromCompanion::Lend { id }, Some(fd)) => {
-                let (width, height) = self.size.ok_or("it lent memory before it said for which size")?;
-                let bytes = match self.kind {
-                    Kind::Output => super::wire::bytes(width, height),
-                    Kind::Both => super::pair::bytes(width, height),
-                };
-                let bytes = bytes.ok_or("it lent memory for an impossible size")?;
-                if self.lent.len() >= MAX_LENT || self.lent.contains(&id) {
+                if let Err(why) = self.lend(id, &fd) {
                     closing.close(fd);
-                    return Err("it lent too much memory".into());
-                }
-                match Memory::map(&fd, bytes) {
-                    Ok(memory) => {
-                        self.lent.push(id);
-                        self.resting.push(Canvas { id, memory });
-                    }
-                    Err(error) => {
-                        closing.close(fd);
-                        return Err(format!("its memory was refused: {error}"));
-                    }
+                    return Err(why);
                 }
             }
             (FromCompanion::Free { id }, None) => {
@@ -219,6 +189,34 @@ impl Connection {
                 return Err("it sent a descriptor where none belongs, or none where one does".into());
             }
         }
+        Ok(())
+    }
+
+    /// It watches, or no longer; if it does and gets no pictures, it is told why.
+    fn watch(&mut self, format: Option<&Format>) {
+        self.lease.set_kind(self.kind);
+        self.judge(format);
+        if self.waits_for_proof() {
+            self.send(&FromDaemon::Refused(Refusal::Proof));
+        } else if self.watched && !self.lease.live.load(Ordering::Relaxed) {
+            self.send(&FromDaemon::Refused(Refusal::Size));
+        }
+    }
+
+    /// It lends memory for one picture of its size.
+    fn lend(&mut self, id: u64, fd: &OwnedFd) -> Result<(), String> {
+        let (width, height) = self.size.ok_or("it lent memory before it said for which size")?;
+        let bytes = match self.kind {
+            Kind::Output => super::wire::bytes(width, height),
+            Kind::Both => super::pair::bytes(width, height),
+        };
+        let bytes = bytes.ok_or("it lent memory for an impossible size")?;
+        if self.lent.len() >= MAX_LENT || self.lent.contains(&id) {
+            return Err("it lent too much memory".into());
+        }
+        let memory = Memory::map(fd, bytes).map_err(|error| format!("its memory was refused: {error}"))?;
+        self.lent.push(id);
+        self.resting.push(Canvas { id, memory });
         Ok(())
     }
 
@@ -257,4 +255,14 @@ impl Connection {
         let _ = shutdown(&self.lease.socket, Shutdown::Both);
         self.lease
     }
+}
+
+/// Whether a descriptor proves that its sender may use the camera; one that does not may block when it is closed.
+fn is_proof(fd: Option<OwnedFd>, camera: Option<&CameraNode>, closing: &Closing) -> bool {
+    let Some(fd) = fd else { return false };
+    let is_proof = camera.is_some_and(|camera| camera.is_proven_by(&fd));
+    if !is_proof {
+        closing.close(fd);
+    }
+    is_proof
 }

@@ -35,7 +35,6 @@ impl Memory {
         if !seals.contains(SealFlags::SHRINK) {
             return refuse("its size is not sealed (F_SEAL_SHRINK)");
         }
-        #[allow(clippy::unnecessary_cast, reason = "its type differs between architectures")]
         if fstatfs(&fd)?.f_type as i64 != TMPFS {
             return refuse("not of ordinary memory");
         }

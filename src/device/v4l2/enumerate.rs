@@ -236,9 +236,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn listing_never_fails() {
-        for device in devices() {
-            assert!(!device.to_string().is_empty());
+    fn each_device_is_listed_once_by_a_node_that_exists() {
+        let devices = devices();
+        let mut paths: Vec<_> = devices.iter().map(|device| device.path.clone()).collect();
+        paths.sort();
+        paths.dedup();
+        assert_eq!(paths.len(), devices.len());
+        for device in devices {
+            assert!(Path::new(&device.path).exists(), "{device:?}");
+            assert!(device.to_string().contains(&*device.path.to_string_lossy()), "{device}");
         }
     }
 }
