@@ -1,11 +1,11 @@
 //! Writes the notices of all third-party code that is linked into gimbald: what a package has to bring beside the program.
 //!
 //! ```sh
-//! cargo run --example notices -- FILE
+//! cargo run --example notices -- FILE [TARGET]
 //! ```
 //!
-//! What is linked is what Cargo says: the normal dependencies of this machine's target, without build scripts, procedural macros and
-//! tests. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
+//! What is linked is what Cargo says: the normal dependencies for TARGET (a triple; by default this machine's), without build scripts,
+//! procedural macros and tests. Texts are those that the crates bring, each once, with the names of those that bring it. Beside the crates there are
 //! libjpeg-turbo, which turbojpeg-sys contains, the recording that `gimbald demo` shows, and Rust's standard library, whose notices Rust's
 //! own documentation has.
 
@@ -59,8 +59,8 @@ struct Package {
 }
 
 fn main() -> anyhow::Result<()> {
-    let file: PathBuf = std::env::args_os().nth(1).context("name a file: notices FILE")?.into();
-    let text = notices(&linked()?)?;
+    let file: PathBuf = std::env::args_os().nth(1).context("name a file: notices FILE [TARGET]")?.into();
+    let text = notices(&linked(std::env::args().nth(2).as_deref())?)?;
     std::fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
@@ -78,9 +78,12 @@ fn cargo(arguments: &[&str]) -> anyhow::Result<String> {
     Ok(String::from_utf8(output.stdout)?)
 }
 
-/// The crates that are linked into the program, by name and version.
-pub fn linked() -> anyhow::Result<Vec<Linked>> {
-    let tree = cargo(&["tree", "--locked", "--edges", "no-dev,no-build,no-proc-macro", "--prefix", "none", "--format", "{p}"])?;
+/// The crates that are linked into the program for `target`, by name and version.
+pub fn linked(target: Option<&str>) -> anyhow::Result<Vec<Linked>> {
+    let mut arguments =
+        vec!["tree", "--locked", "--edges", "no-dev,no-build,no-proc-macro", "--prefix", "none", "--format", "{p}"];
+    arguments.extend(target.into_iter().flat_map(|target| ["--target", target]));
+    let tree = cargo(&arguments)?;
     let metadata: Metadata = serde_json::from_str(&cargo(&["metadata", "--locked", "--format-version", "1"])?)?;
     let mut names = BTreeSet::new();
     for line in tree.lines() {

@@ -11,9 +11,8 @@ use std::process::Command;
 use serde_json::Value;
 
 /// What `cargo metadata` says; `None`, aloud, where this machine has no cargo or cannot ask it.
-fn metadata() -> Option<Value> {
-    let arguments =
-        ["metadata", "--locked", "--offline", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"];
+fn metadata(target: &str) -> Option<Value> {
+    let arguments = ["metadata", "--locked", "--offline", "--format-version", "1", "--filter-platform", target];
     let output = Command::new(env!("CARGO")).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output();
     match output {
         Ok(output) if output.status.success() => Some(serde_json::from_slice(&output.stdout).unwrap()),
@@ -54,8 +53,12 @@ fn reached(metadata: &Value) -> BTreeSet<String> {
 
 #[test]
 fn all_that_is_linked_is_named_with_its_text() {
-    let Some(metadata) = metadata() else { return };
-    let linked = notices::linked().unwrap();
+    ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"].into_iter().for_each(all_is_named);
+}
+
+fn all_is_named(target: &str) {
+    let Some(metadata) = metadata(target) else { return };
+    let linked = notices::linked(Some(target)).unwrap();
     let named: BTreeSet<String> = linked.iter().map(|part| format!("{} {}", part.name, part.version)).collect();
     let reached = reached(&metadata);
     assert!(named.len() > 30, "{named:?}");

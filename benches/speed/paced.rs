@@ -16,8 +16,9 @@ use serde_json::json;
 use crate::Record;
 
 /// Sizes and rates.
-const CASES: [([u32; 2], f64); 3] = [([1280, 720], 30.0), ([1280, 720], 60.0), ([1920, 1080], 30.0)];
-/// Frames made beforehand; they are shown to and fro.
+const CASES: [([u32; 2], f64); 4] = [([1280, 720], 30.0), ([1280, 720], 60.0), ([1920, 1080], 30.0), ([3840, 2160], 30.0)];
+/// Frames made beforehand, as many as this many bytes hold, and at most so many; they are shown to and fro.
+const MADE_BYTES: usize = 170_000_000;
 const MADE: usize = 40;
 /// Time that a case takes, seconds.
 const SECONDS: f64 = 5.0;
@@ -32,15 +33,16 @@ struct Reel {
 
 impl Reel {
     fn new(size: [u32; 2], fps: f64, frames: u64) -> Option<Self> {
-        let params =
-            synthetic::Params { width: size[0], height: size[1], fps, frames: MADE as u64, ..synthetic::Params::default() };
+        let [width, height] = size;
+        let made = (MADE_BYTES / (2 * width as usize * height as usize)).clamp(2, MADE);
+        let params = synthetic::Params { width, height, fps, frames: made as u64, ..synthetic::Params::default() };
         let mut camera = Rehearsal::new(&params, PixelFormat::Yuyv).ok()?;
         let format = camera.format();
         let mut made = Vec::new();
         while let Ok(Lent::Frame(frame)) = camera.lend() {
             made.push(frame.bytes.to_vec());
         }
-        Some(Self { format, made, next: 0, frames })
+        (made.len() > 1).then_some(Self { format, made, next: 0, frames })
     }
 }
 
@@ -53,8 +55,9 @@ impl FrameSource for Reel {
         if self.next == self.frames {
             return Ok(Lent::End);
         }
-        let (turn, place) = (self.next as usize / (MADE - 1), self.next as usize % (MADE - 1));
-        let bytes = &self.made[if turn % 2 == 0 { place } else { MADE - 1 - place }];
+        let last = self.made.len() - 1;
+        let (turn, place) = (self.next as usize / last, self.next as usize % last);
+        let bytes = &self.made[if turn % 2 == 0 { place } else { last - place }];
         let stamp = gimbald::frame::Stamp {
             time_ns: self.format.nominal_time_ns(self.next),
             sequence: self.next,

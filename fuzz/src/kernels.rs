@@ -58,7 +58,7 @@ pub fn kernels(data: &[u8]) {
     });
 }
 
-fn rows(bytes: &mut Unstructured<'_>, [from, to, ..]: &mut [Fenced<u8>; 4]) -> Result<()> {
+fn rows(bytes: &mut Unstructured<'_>, [from, to, other, beside]: &mut [Fenced<u8>; 4]) -> Result<()> {
     let shape = Shape::any(bytes)?;
     let wide = *bytes.choose(&[16, 32, 64, 16, 32, 64, 1, 5, 17])?;
     let filter = *bytes.choose(&[warp::Filter::Bilinear, warp::Filter::Bicubic])?;
@@ -66,7 +66,8 @@ fn rows(bytes: &mut Unstructured<'_>, [from, to, ..]: &mut [Fenced<u8>; 4]) -> R
     let short = bytes.int_in_range(0..=wide - 1)?;
     // within the plane, where octets are drawn, unless anything goes
     let tame = bytes.ratio(3, 4)?;
-    let plane = shape.plane(from, bytes.arbitrary()?);
+    let seed: u32 = bytes.arbitrary()?;
+    let planes = [shape.plane(from, seed), shape.plane(other, !seed)];
     let mut numbers: [Vec<i32>; 4] = Default::default();
     let size = [shape.width as i32, shape.height as i32];
     for _ in 0..bytes.int_in_range(1..=70)? {
@@ -87,9 +88,10 @@ fn rows(bytes: &mut Unstructured<'_>, [from, to, ..]: &mut [Fenced<u8>; 4]) -> R
     let [xs, ys, dxs, dys] = &numbers;
     let cells = warp::Cells { start: [xs, ys], step: [dxs, dys], wide, outside, filter };
     let [plain, best] = LEVELS().map(|level| {
-        let out = to.filled(shape.edge, xs.len() * wide - short, |_| 0xaa);
-        warp::row(level, plane, cells, out);
-        out.to_vec()
+        let len = xs.len() * wide - short;
+        let mut outs = [&mut *to, &mut *beside].map(|room| room.filled(shape.edge, len, |_| 0xaa));
+        warp::rows(level, planes, cells, outs.each_mut().map(|out| &mut **out));
+        outs.map(|out| out.to_vec())
     });
     assert_eq!(plain, best);
     Ok(())

@@ -44,14 +44,19 @@ pub fn strongest(
     let mut strengths = [[0.0; MAX]; MAX];
     let mut strongest = [0.0; MAX];
     measure(level, plane, [x0, y0], [w, h], &mut strengths, &mut strongest);
+    // the row of the strongest place first: most others hold nothing better then
+    let first = (0..h).fold(0, |first, j| if strongest[j] > strongest[first] { j } else { first });
     let mut best: Option<Corner> = None;
-    for (j, row) in strengths[..h].iter().enumerate() {
-        // most rows hold nothing better
-        if best.is_some_and(|best| strongest[j] <= best.strength) {
+    for j in std::iter::once(first).chain((0..h).filter(|&j| j != first)) {
+        // of places equally strong, the uppermost counts, of those in a row the leftmost
+        let better = |best: Option<Corner>, strength: f32| {
+            best.is_none_or(|best| strength > best.strength || (strength == best.strength && y0 + j < best.y))
+        };
+        if !better(best, strongest[j]) {
             continue;
         }
-        for (i, &strength) in row[..w].iter().enumerate() {
-            if best.is_none_or(|best| strength > best.strength) && allowed(x0 + i, y0 + j) {
+        for (i, &strength) in strengths[j][..w].iter().enumerate() {
+            if better(best, strength) && allowed(x0 + i, y0 + j) {
                 best = Some(Corner { x: x0 + i, y: y0 + j, strength });
             }
         }

@@ -154,9 +154,9 @@ impl Warper {
                 warp::lines(self.level, between, lattice[axis], along, start, step);
             }
             let cells = warp::Cells { start: [start_x, start_y], step: [step_x, step_y], wide, outside, filter };
-            for (from, to) in planes.iter_mut().filter(|(_, to)| y < to.height()) {
-                warp::row(self.level, *from, cells, to.row_mut(y));
-            }
+            let from = planes.each_ref().map(|(from, _)| *from);
+            let to = planes.each_mut().map(|(_, to)| if y < to.height() { to.row_mut(y) } else { &mut [] });
+            warp::rows(self.level, from, cells, to);
         }
     }
 }

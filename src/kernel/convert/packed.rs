@@ -35,15 +35,19 @@ fn uyvy(level: Level, from: PlaneRef<'_>, into: PictureMut<'_>) {
 fn body<const LUMA: usize>(from: PlaneRef<'_>, into: PictureMut<'_>) {
     let [mut y, mut u, mut v] = into.planes;
     let height = from.height().min(y.height());
-    for row in 0..height {
-        for (out, pair) in y.row_mut(row).iter_mut().zip(from.row(row).as_chunks::<2>().0) {
-            *out = pair[LUMA];
+    // A pair of rows for all three planes while it is in the cache: a camera's frame comes from memory.
+    for pair in 0..height.div_ceil(2) {
+        let rows = [2 * pair, (2 * pair + 1).min(height - 1)];
+        for row in rows {
+            for (out, pair) in y.row_mut(row).iter_mut().zip(from.row(row).as_chunks::<2>().0) {
+                *out = pair[LUMA];
+            }
         }
-    }
-    for row in 0..height.div_ceil(2).min(u.height()) {
-        let above = from.row(2 * row).as_chunks::<4>().0;
-        let below = from.row((2 * row + 1).min(height - 1)).as_chunks::<4>().0;
-        let chroma = u.row_mut(row).iter_mut().zip(v.row_mut(row));
+        if pair >= u.height() {
+            continue;
+        }
+        let [above, below] = rows.map(|row| from.row(row).as_chunks::<4>().0);
+        let chroma = u.row_mut(pair).iter_mut().zip(v.row_mut(pair));
         for ((u, v), (a, b)) in chroma.zip(above.iter().zip(below)) {
             *u = mean(a[1 - LUMA], b[1 - LUMA]);
             *v = mean(a[3 - LUMA], b[3 - LUMA]);

@@ -104,10 +104,14 @@ fn window<'a>(plane: &'a PlaneRef<'_>, scratch: &'a mut [[u8; SCRATCH]; SCRATCH]
         scratch.as_flattened_mut().fill(0);
         return Window { samples: scratch.as_flattened(), stride: SCRATCH, x, y };
     }
+    let columns: [usize; SCRATCH] = std::array::from_fn(|i| (left + i as isize).clamp(0, w - 1) as usize);
+    let (columns, is_beside) = (&columns[..=side], left < 0 || left + n > w);
     for (j, row) in scratch.iter_mut().enumerate().take(side + 1) {
         let from = plane.row((top + j as isize).clamp(0, h - 1) as usize);
-        for (i, sample) in row.iter_mut().enumerate().take(side + 1) {
-            *sample = from[(left + i as isize).clamp(0, w - 1) as usize];
+        if is_beside {
+            row.iter_mut().zip(columns).for_each(|(sample, &column)| *sample = from[column]);
+        } else {
+            row[..=side].copy_from_slice(&from[columns[0]..][..=side]);
         }
     }
     Window { samples: scratch.as_flattened(), stride: SCRATCH, x, y }

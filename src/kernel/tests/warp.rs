@@ -3,7 +3,7 @@
 use super::{Edge, Fenced, MAX, Random, Shape};
 use crate::kernel::Level;
 use crate::kernel::warp::{
-    Axis, Between, Cells, FURTHEST, Filter, Lens, Mesh, ONE, Outside, RowTable, TABLE, lines, nodes, row,
+    Axis, Between, Cells, FURTHEST, Filter, Lens, Mesh, ONE, Outside, RowTable, TABLE, lines, nodes, row, rows,
 };
 
 /// Starts and steps at which fixed point or the limits of a fast path end.
@@ -45,15 +45,19 @@ fn line(random: &mut Random, size: usize, wide: usize, steps: [i32; 2], reach: i
     (start as i32, step as i32)
 }
 
-/// Draws a row at every level in fenced memory, and compares.
+/// Draws a row at every level in fenced memory, of one plane and of two, and compares.
 #[test]
 fn rows_stay_in_their_slices() {
     const CELLS: [usize; 3] = [1, 2, 33];
     let mut random = Random(1);
-    let (mut samples, mut out) = (Fenced::new((MAX + 4) * (MAX + 4)), Fenced::new(33 * 64));
+    let room = || Fenced::new((MAX + 4) * (MAX + 4));
+    let (mut samples, mut others, mut out, mut beside) = (room(), room(), Fenced::new(33 * 64), Fenced::new(33 * 64));
     let mut numbers: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(33));
     for (n, shape) in Shape::all().enumerate() {
         let plane = shape.plane(&mut samples, &mut random);
+        // now and then of another shape
+        let height = if n % 5 == 0 { 1 } else { shape.height };
+        let other = Shape { height, ..shape }.plane(&mut others, &mut random);
         for k in 0..12 {
             let filter = [Filter::Bilinear, Filter::Bicubic][k % 2];
             let outside = [Outside::Mirror, Outside::Value(77)][k / 2 % 2];
@@ -84,6 +88,14 @@ fn rows_stay_in_their_slices() {
                 let drawn = out.filled(shape.edge, len, |_| 0xaa);
                 row(level, plane, cells, drawn);
                 assert_eq!(&*drawn, first.get_or_insert_with(|| drawn.to_vec()), "{shape:?} {from:?} {wide} {filter:?}");
+            }
+            let mut alone = vec![0xaa; len];
+            row(Level::SCALAR, other, cells, &mut alone);
+            for level in Level::all() {
+                let (drawn, second) = (out.filled(shape.edge, len, |_| 0xaa), beside.filled(shape.edge, len, |_| 0xaa));
+                rows(level, [plane, other], cells, [&mut *drawn, &mut *second]);
+                assert_eq!(Some(&*drawn), first.as_deref(), "{shape:?} {from:?} {wide} {filter:?}");
+                assert_eq!(second, alone, "{shape:?} {from:?} {wide} {filter:?}");
             }
         }
     }

@@ -33,23 +33,42 @@ const MARGIN: i32 = 128;
 /// Every eighth pixel of a cell begins a line of its own; its place and its step are rounded down to 1/4096. Columns are then
 /// rounded to 1/128. What `out` has beyond the cells, or where the plane is empty, stays as it was.
 pub fn row(level: Level, plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
-    if plane.width() == 0 || plane.height() == 0 || cells.wide == 0 {
+    rows(level, [plane], cells, [out]);
+}
+
+/// Draws the same row of several planes, as [`row`] does. Planes and rows of one shape share the work of finding their places.
+pub fn rows<const N: usize>(level: Level, planes: [PlaneRef<'_>; N], cells: Cells<'_>, mut outs: [&mut [u8]; N]) {
+    let is_one_shape = alike(&planes) && outs.windows(2).all(|pair| pair[0].len() == pair[1].len());
+    if N > 1 && !is_one_shape {
+        return planes.into_iter().zip(outs).for_each(|(plane, out)| row(level, plane, cells, out));
+    }
+    let is_empty = planes.first().is_none_or(|plane| plane.width() == 0 || plane.height() == 0);
+    if is_empty || cells.wide == 0 {
         return;
     }
-    let len = out.len().min(cells.count().saturating_mul(cells.wide));
-    let out = &mut out[..len];
+    let most = cells.count().saturating_mul(cells.wide);
+    let outs = outs.each_mut().map(|out| {
+        let len = out.len().min(most);
+        &mut out[..len]
+    });
     #[cfg(target_arch = "x86_64")]
     if level.has_avx2() {
-        // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
-        return unsafe { octets::row::<avx2::Avx2>(plane, cells, out) };
+        // SAFETY: a `Level` says AVX2 only where the processor was found to have it; the planes are alike.
+        return unsafe { octets::rows::<avx2::Avx2, N>(planes, cells, outs) };
     }
     #[cfg(target_arch = "aarch64")]
     if level.has_neon() {
-        // SAFETY: a `Level` says NEON only where the processor has it.
-        return unsafe { octets::row::<neon::Neon>(plane, cells, out) };
+        // SAFETY: a `Level` says NEON only where the processor has it; the planes are alike.
+        return unsafe { octets::rows::<neon::Neon, N>(planes, cells, outs) };
     }
     let _ = level;
-    row_scalar(plane, cells, out);
+    planes.into_iter().zip(outs).for_each(|(plane, out)| row_scalar(plane, cells, out));
+}
+
+/// Whether planes are of one shape, so that what lies in one lies in all.
+fn alike(planes: &[PlaneRef<'_>]) -> bool {
+    let shape = |plane: &PlaneRef<'_>| [plane.width(), plane.height(), plane.stride(), plane.samples().len()];
+    planes.windows(2).all(|pair| shape(&pair[0]) == shape(&pair[1]))
 }
 
 fn row_scalar(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {

@@ -26,82 +26,101 @@ const MAX_ROWS: i64 = 5;
 /// Cells whose octets are found at a time.
 pub(super) const CHUNK: usize = 32;
 
+/// Cells of these that are looked at in one go: a chunk need not be full.
+const GROUP: usize = 16;
+
 /// An instruction set that draws octets.
 pub(super) trait Draw: Sized {
     /// Calls [`cells_of`], compiled for these instructions.
     ///
     /// # Safety
     /// The processor has them.
-    unsafe fn cells<const BLOCKS: usize, const CUBIC: bool>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]);
+    unsafe fn cells<const BLOCKS: usize, const CUBIC: bool, const N: usize>(
+        planes: [PlaneRef<'_>; N],
+        cells: Cells<'_>,
+        outs: [&mut [u8]; N],
+    );
 
     /// Calls [`Octets::drawn`], compiled for these instructions.
     ///
     /// # Safety
-    /// The processor has them.
-    unsafe fn drawn<const BLOCKS: usize, const CUBIC: bool>(
+    /// The processor has them. The planes are [alike](super::alike).
+    unsafe fn drawn<const BLOCKS: usize, const CUBIC: bool, const N: usize>(
         octets: &mut Octets<BLOCKS, CUBIC>,
-        plane: PlaneRef<'_>,
+        planes: [PlaneRef<'_>; N],
         cells: Cells<'_>,
         lines: &Lines,
-        out: &mut [u8],
+        outs: [&mut [u8]; N],
     ) -> bool;
 
     /// Draws the cells.
     ///
     /// # Safety
-    /// The processor has these instructions. The octets are those of these lines, which [fit](Lines::fit);
-    /// [`furthest`](Octets::furthest) lies in the plane's samples.
-    unsafe fn draw<const BLOCKS: usize, const CUBIC: bool>(
+    /// The processor has these instructions. The planes are [alike](super::alike). The octets are those of these lines, which [fit](Lines::fit) the first
+    /// plane; [`furthest`](Octets::furthest) lies in its samples.
+    unsafe fn draw<const BLOCKS: usize, const CUBIC: bool, const N: usize>(
         octets: &Octets<BLOCKS, CUBIC>,
-        plane: PlaneRef<'_>,
+        planes: [PlaneRef<'_>; N],
         lines: &Lines,
-        out: &mut [u8],
+        outs: [&mut [u8]; N],
     );
 }
 
-/// Draws a row as [`super::row`] does; `out` is no longer than the cells.
+/// Draws rows as [`super::rows`] does. Planes and rows are alike; the rows are no longer than the cells.
 ///
 /// # Safety
-/// The processor has the instructions of `D`.
-pub(super) unsafe fn row<D: Draw>(plane: PlaneRef<'_>, cells: Cells<'_>, out: &mut [u8]) {
+/// The processor has the instructions of `D`. The planes are [alike](super::alike).
+pub(super) unsafe fn rows<D: Draw, const N: usize>(planes: [PlaneRef<'_>; N], cells: Cells<'_>, outs: [&mut [u8]; N]) {
     // SAFETY: the caller's promise.
     unsafe {
         match (cells.wide, cells.filter) {
-            (16, Filter::Bilinear) => D::cells::<1, false>(plane, cells, out),
-            (32, Filter::Bilinear) => D::cells::<2, false>(plane, cells, out),
-            (64, Filter::Bilinear) => D::cells::<4, false>(plane, cells, out),
-            (16, Filter::Bicubic) => D::cells::<1, true>(plane, cells, out),
-            (32, Filter::Bicubic) => D::cells::<2, true>(plane, cells, out),
-            (64, Filter::Bicubic) => D::cells::<4, true>(plane, cells, out),
-            _ => super::row_scalar(plane, cells, out),
+            (16, Filter::Bilinear) => D::cells::<1, false, N>(planes, cells, outs),
+            (32, Filter::Bilinear) => D::cells::<2, false, N>(planes, cells, outs),
+            (64, Filter::Bilinear) => D::cells::<4, false, N>(planes, cells, outs),
+            (16, Filter::Bicubic) => D::cells::<1, true, N>(planes, cells, outs),
+            (32, Filter::Bicubic) => D::cells::<2, true, N>(planes, cells, outs),
+            (64, Filter::Bicubic) => D::cells::<4, true, N>(planes, cells, outs),
+            _ => planes.into_iter().zip(outs).for_each(|(plane, out)| super::row_scalar(plane, cells, out)),
         }
     }
 }
 
-/// As [`row`], for cells of `BLOCKS` blocks.
+/// As [`rows`], for cells of `BLOCKS` blocks.
 ///
 /// # Safety
-/// The processor has the instructions of `D`.
+/// As [`rows`].
 #[inline(always)]
-pub(super) unsafe fn cells_of<D: Draw, const BLOCKS: usize, const CUBIC: bool>(
-    plane: PlaneRef<'_>,
+pub(super) unsafe fn cells_of<D: Draw, const BLOCKS: usize, const CUBIC: bool, const N: usize>(
+    planes: [PlaneRef<'_>; N],
     cells: Cells<'_>,
-    out: &mut [u8],
+    mut outs: [&mut [u8]; N],
 ) {
     let mut octets = Octets::<BLOCKS, CUBIC>::new();
-    let count = out.len().div_ceil(cells.wide);
-    for (n, out) in (0..count).step_by(CHUNK).zip(out.chunks_mut(CHUNK * cells.wide)) {
-        // SAFETY: the caller's promise.
-        if unsafe { D::drawn(&mut octets, plane, cells, &Lines::of(cells, n..count.min(n + CHUNK)), out) } {
+    let len = outs.first().map_or(0, |out| out.len());
+    let count = len.div_ceil(cells.wide);
+    for n in (0..count).step_by(CHUNK) {
+        let next = count.min(n + CHUNK);
+        // SAFETY: the caller's promise; so below.
+        let mut drawn = |range: Range<usize>, outs: [&mut [u8]; N]| unsafe {
+            D::drawn(&mut octets, planes, cells, &Lines::of(cells, range), outs)
+        };
+        if drawn(n..next, part(&mut outs, n * cells.wide..len.min(next * cells.wide))) {
             continue;
         }
-        for (i, out) in out.chunks_mut(cells.wide).enumerate() {
-            // SAFETY: as above.
-            if !unsafe { D::drawn(&mut octets, plane, cells, &Lines::of(cells, n + i..n + i + 1), out) } {
-                scalar(plane, cells.line(n + i), cells, out);
+        for i in n..next {
+            let pixels = i * cells.wide..len.min((i + 1) * cells.wide);
+            if !drawn(i..i + 1, part(&mut outs, pixels.clone())) {
+                let outs = part(&mut outs, pixels);
+                planes.into_iter().zip(outs).for_each(|(plane, out)| scalar(plane, cells.line(i), cells, out));
             }
         }
     }
+}
+
+/// The same part of each row.
+#[inline(always)]
+fn part<'a, const N: usize>(outs: &'a mut [&mut [u8]; N], pixels: Range<usize>) -> [&'a mut [u8]; N] {
+    outs.each_mut().map(|out| &mut out[pixels.clone()])
 }
 
 /// The lines of some cells; those beyond `count` repeat the last.
@@ -125,11 +144,24 @@ impl Lines {
         lines
     }
 
+    /// Cells that are to be drawn.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Lines up to the end of the last group.
+    #[inline(always)]
+    fn padded(&self) -> usize {
+        self.count.next_multiple_of(GROUP).min(CHUNK)
+    }
+
     /// The least and the greatest of the starts, of the steps and of the ends of lines of `wide` pixels, along an axis.
     #[inline(always)]
     fn ranges(&self, axis: usize, wide: usize) -> [[i32; 2]; 3] {
         let (mut starts, mut steps, mut ends) = ([i32::MAX, i32::MIN], [i32::MAX, i32::MIN], [i32::MAX, i32::MIN]);
-        for (&start, &step) in self.start[axis].iter().zip(&self.step[axis]) {
+        let padded = self.padded();
+        for (&start, &step) in self.start[axis][..padded].iter().zip(&self.step[axis][..padded]) {
             let end = start.wrapping_add(step.wrapping_mul(wide as i32 - 1));
             starts = [starts[0].min(start), starts[1].max(start)];
             steps = [steps[0].min(step), steps[1].max(step)];
@@ -138,23 +170,25 @@ impl Lines {
         [starts, steps, ends]
     }
 
-    /// Whether every pixel of these cells, with its neighbours, lies inside the plane, their lines are as short and flat as octets
-    /// need, and what [`Octets::find`] computes fits its 32 bits.
+    /// Where every pixel of these cells, with its neighbours, lies inside the plane, their lines are as short and flat as octets need, and
+    /// what [`Octets::find`] computes fits its 32 bits: how many of the plane's samples their octets load from at most, counted from its
+    /// first.
     #[inline(always)]
-    fn fit(&self, plane: PlaneRef<'_>, cells: Cells<'_>) -> bool {
+    fn fit(&self, plane: PlaneRef<'_>, cells: Cells<'_>) -> Option<usize> {
         let (wide, longest) = (cells.wide, LONGEST[cells.filter.reach() as usize]);
         let [xs, dxs, x_ends] = self.ranges(0, wide);
         let [ys, dys, y_ends] = self.ranges(1, wide);
         // steps this short and starts this near cannot have overflowed on their way to the ends
         let near = xs[0].min(ys[0]) >= MARGIN && xs[1].max(ys[1]) < 1 << 30;
         if !(near && dxs[0] >= 0 && dxs[1] <= longest && dys[0] >= -STEEPEST && dys[1] <= STEEPEST) {
-            return false;
+            return None;
         }
         let low = [xs[0].min(x_ends[0]), ys[0].min(y_ends[0])].map(i64::from);
         let high = [xs[1].max(x_ends[1]), ys[1].max(y_ends[1])].map(i64::from);
         let rows = ((high[1] >> 16) + MAX_ROWS).saturating_mul(plane.stride() as i64);
         let furthest = rows.saturating_add(high[0] >> 16).saturating_add(2 * LOAD as i64);
-        is_inside(plane, cells.filter, [low, high]) && furthest < i64::from(i32::MAX)
+        // a point's own row and the column it is rounded to, the rows after it, the bytes of an octet
+        (is_inside(plane, cells.filter, [low, high]) && furthest < i64::from(i32::MAX)).then_some(furthest as usize)
     }
 }
 
@@ -176,36 +210,41 @@ impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
         Self { at: [[[0; CHUNK]; 2]; BLOCKS], place: [[[0; CHUNK]; 2]; BLOCKS], steep: [[[0; CHUNK]; 2]; BLOCKS] }
     }
 
-    /// Draws the cells of `lines` into `out`, unless octets cannot: then `out` is as it was, and `false` is returned.
+    /// Draws the cells of `lines` into `outs`, unless octets cannot: then these are as they were, and `false` is returned.
     ///
     /// # Safety
-    /// The processor has the instructions of `D`.
+    /// The processor has the instructions of `D`. The planes are [alike](super::alike).
     #[inline(always)]
-    pub(super) unsafe fn drawn<D: Draw>(
+    pub(super) unsafe fn drawn<D: Draw, const N: usize>(
         &mut self,
-        plane: PlaneRef<'_>,
+        planes: [PlaneRef<'_>; N],
         cells: Cells<'_>,
         lines: &Lines,
-        out: &mut [u8],
+        outs: [&mut [u8]; N],
     ) -> bool {
-        if out.len() != lines.count * cells.wide || !lines.fit(plane, cells) {
+        let Some(&plane) = planes.first() else { return true };
+        if outs.iter().any(|out| out.len() != lines.count * cells.wide) {
             return false;
         }
+        let Some(most) = lines.fit(plane, cells) else { return false };
         self.find(plane.stride(), lines);
-        if self.furthest(plane.stride()) > plane.samples().len() {
+        // octet by octet only near the plane's end
+        let there_are = plane.samples().len();
+        if most > there_are && self.furthest(plane.stride(), lines) > there_are {
             return false;
         }
-        // SAFETY: the caller's promise; and all that `draw` loads ends at `furthest` at the latest, which lies in the plane's samples.
-        unsafe { D::draw(self, plane, lines, out) };
+        // SAFETY: the caller's promise; and all that `draw` loads ends at `furthest` at the latest, which is no more than `most`, and one of
+        // both lies in the plane's samples.
+        unsafe { D::draw(self, planes, lines, outs) };
         true
     }
 
     /// The end of the furthest of the samples that [`Draw::draw`] loads, counted from the plane's first.
     #[inline(always)]
-    fn furthest(&self, stride: usize) -> usize {
+    fn furthest(&self, stride: usize, lines: &Lines) -> usize {
         let mut furthest = 0;
         for ([first, second], [steep, other]) in self.at.iter().zip(&self.steep) {
-            for i in 0..CHUNK {
+            for i in 0..lines.count {
                 // one steep octet makes its whole block load a row more; `fit` saw to it that nothing overflows
                 let more = if steep[i] | other[i] == 0 { 0 } else { stride as u32 };
                 furthest = furthest.max(first[i].max(second[i]) + more);
@@ -219,11 +258,12 @@ impl<const BLOCKS: usize, const CUBIC: bool> Octets<BLOCKS, CUBIC> {
     fn find(&mut self, stride: usize, lines: &Lines) {
         let ([xs, ys], [dxs, dys]) = (&lines.start, &lines.step);
         let first_sample = i32::from(CUBIC) * (stride as i32 + 1);
+        let padded = lines.padded();
         for b in 0..BLOCKS {
             for half in 0..2 {
                 let (at, place, steep) = (&mut self.at[b][half], &mut self.place[b][half], &mut self.steep[b][half]);
                 let first = (BLOCK * b + OCTET * half) as i32;
-                for i in 0..CHUNK {
+                for i in 0..padded {
                     let x = xs[i] + first * dxs[i] + HALF_STEP;
                     let y = (ys[i] + first * dys[i]) & !15;
                     let end = y + (OCTET as i32 - 1) * (dys[i] & !15);

@@ -32,9 +32,8 @@ fn along(x: __m256i) -> impl Fn(__m256i) -> __m256i {
         _mm256_or_si256(_mm256_and_si256(low, _mm256_set1_epi16(0xff)), _mm256_slli_epi16::<8>(high))
     };
     let (left, right) = (bytes(first, second), bytes(third, fourth));
-    // bytes (column, column + 1) of each pixel, and the two after them
-    let pairs =
-        _mm256_add_epi16(_mm256_mullo_epi16(_mm256_srli_epi16::<12>(x), _mm256_set1_epi16(257)), _mm256_set1_epi16(256));
+    // the two bytes after the first two
+    let pairs = super::pairs(x);
     let others = _mm256_add_epi16(pairs, _mm256_set1_epi16(0x0202));
     move |samples| {
         let left = _mm256_maddubs_epi16(_mm256_shuffle_epi8(samples, pairs), left);
@@ -42,7 +41,7 @@ fn along(x: __m256i) -> impl Fn(__m256i) -> __m256i {
     }
 }
 
-/// Mixes four rows; `y` in 1/4096 from the second to the third.
+/// Mixes four rows; `y` in 1/4096 from the second to the third, below 4096.
 #[target_feature(enable = "avx2")]
 #[inline]
 pub(super) fn mix(x: __m256i, y: __m256i, rows: [__m256i; 4]) -> __m128i {
@@ -58,17 +57,18 @@ pub(super) fn mix_steep(x: __m256i, y: __m256i, rows: [__m256i; 5]) -> __m128i {
     let [a, b, c, d, e] = rows.map(along);
     let below = _mm256_cmpgt_epi16(y, _mm256_set1_epi16(4095));
     let either = |upper: __m256i, lower: __m256i| _mm256_blendv_epi8(upper, lower, below);
-    finish([either(a, b), either(b, c), either(c, d), either(d, e)], y)
+    let part = _mm256_and_si256(y, _mm256_set1_epi16(4095));
+    finish([either(a, b), either(b, c), either(c, d), either(d, e)], part)
 }
 
 /// From four rows' values at each pixel's column to bytes.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn finish(rows: [__m256i; 4], y: __m256i) -> __m128i {
-    let part = _mm256_slli_epi16::<3>(_mm256_and_si256(y, _mm256_set1_epi16(4095)));
-    let down = weights(part, DOWN);
+    let down = weights(_mm256_slli_epi16::<3>(y), DOWN);
     let [a, b, c, d] = std::array::from_fn(|i| _mm256_mulhrs_epi16(rows[i], down[i]));
     let mean = _mm256_add_epi16(_mm256_add_epi16(a, b), _mm256_add_epi16(c, d));
-    let rounded = _mm256_srai_epi16::<6>(_mm256_add_epi16(mean, _mm256_set1_epi16(32)));
+    // the rounded product with 512 is the rounded 64th
+    let rounded = _mm256_mulhrs_epi16(mean, _mm256_set1_epi16(512));
     _mm_packus_epi16(_mm256_castsi256_si128(rounded), _mm256_extracti128_si256::<1>(rounded))
 }
