@@ -12,7 +12,7 @@ use super::readout_search::ReadoutSearch;
 use super::reweight::MIN_WEIGHT;
 use super::{Times, dot};
 use crate::geometry::{Calibration, Estimate, Pinhole, Pose, hypot};
-use crate::stage::shutter::Optics;
+use crate::stage::shutter::{Optics, certainty};
 
 /// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals): most webcams and
 /// phones take two thirds of the interval to all of it.
@@ -273,7 +273,8 @@ impl Calibrator {
         }
         // the rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures confirm it
         let believed_s = self.readout_s();
-        let goal_s = if self.unknown[0] { self.search.drawn(believed_s) } else { believed_s };
+        let is_known = certainty::known_readout(&self.calibration, times.interval_s).is_some();
+        let goal_s = if self.unknown[0] { self.search.drawn(believed_s, is_known) } else { believed_s };
         self.drawn_s += GLIDE * (goal_s - self.drawn_s);
     }
 

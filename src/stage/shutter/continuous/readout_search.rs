@@ -15,6 +15,8 @@ const MEMORY_S: f64 = 6.0;
 const CAUTION: f64 = 2.0;
 /// Pairs below which there is no estimate.
 const MIN_PAIRS: f64 = 12.0;
+/// Turn of a pair from which its rows count as moving, by what is noise: at two pixels a frame the rows are up to two pixels off.
+const MOVES: f64 = 3.0;
 /// Factor between two intervals up to which they count as even.
 const EVEN: f64 = 1.25;
 
@@ -33,6 +35,8 @@ pub struct ReadoutSearch {
     last: [Turn; 2],
     /// Sums of slope x change of speed, change^2, slope^2, turn^2, bend^2, and of 1.
     sums: [f64; 6],
+    /// Pairs in which the picture moved by more than noise, older ones less and less.
+    moving: f64,
 }
 
 impl ReadoutSearch {
@@ -42,6 +46,8 @@ impl ReadoutSearch {
         let newest = Turn { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
         let [first, middle] = self.last;
         self.last = [middle, newest];
+        let moves = hypot(turn[0], turn[1]) >= MOVES * least;
+        self.moving = (-interval_s / MEMORY_S).exp() * self.moving + f64::from(u8::from(moves));
         let even = |a: f64, b: f64| a > 0.0 && b > 0.0 && a < EVEN * b && b < EVEN * a;
         if !even(first.interval_s, middle.interval_s) || !even(middle.interval_s, newest.interval_s) {
             return;
@@ -87,9 +93,11 @@ impl ReadoutSearch {
 impl ReadoutSearch {
     /// The part of a readout time of `readout_s` by which the rows are to be drawn: at most what the slopes over the rows followed the changes
     /// of the turn so far. What leans and stretches the picture without following them is not the rows' motion; and as a homography could do
-    /// it as well, no comparison within a pair of frames sees it.
-    pub fn drawn(&self, readout_s: f64) -> f64 {
-        self.readout().map_or(readout_s, |(found, deviation)| {
+    /// it as well, no comparison within a pair of frames sees it. Where the slopes say nothing yet, and unless the readout time `is_known`, the
+    /// part grows with the number of pairs in which the picture moved: rows of a picture at rest would only be moved by noise.
+    pub fn drawn(&self, readout_s: f64, is_known: bool) -> f64 {
+        let carried = if is_known { 1.0 } else { (self.moving / MIN_PAIRS).min(1.0) };
+        self.readout().map_or(carried * readout_s, |(found, deviation)| {
             let most = readout_s.signum() * found + deviation / CAUTION;
             most.clamp(0.0, readout_s.abs()).copysign(readout_s)
         })
@@ -127,23 +135,34 @@ mod tests {
             [(0.8, 0.8, 0.8), (0.2, 0.8, 0.2), (0.0, 0.7, 0.0), (-0.6, -0.6, -0.6), (-0.6, 0.6, 0.0)]
         {
             let mut search = ReadoutSearch::default();
-            assert_eq!(search.drawn(believed * interval), believed * interval, "nothing was seen");
+            assert_eq!(search.drawn(believed * interval, false), 0.0, "nothing was seen");
+            assert_eq!(search.drawn(believed * interval, true), believed * interval, "nor need it be");
             for k in 0..90 {
                 let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
                 let lean = readout * 0.5 * (turn(k + 1) - turn(k - 1)) + 1e-4 * (9.7 * f64::from(k)).sin();
                 search.add([turn(k), 0.0, 0.0, 0.0], [lean, 0.0, 0.0, 0.0], interval, least);
             }
-            let drawn = search.drawn(believed * interval) / interval;
+            let drawn = search.drawn(believed * interval, false) / interval;
             assert!((drawn - wanted).abs() < 0.05, "{readout} {believed}: {drawn}");
         }
     }
 
     #[test]
-    fn a_still_camera_says_nothing() {
+    fn an_even_pan_is_drawn_by_what_is_believed() {
         let mut search = ReadoutSearch::default();
-        for _ in 0..90 {
-            search.add([0.0; 4], [0.0; 4], 1.0 / 30.0, 1e-5);
+        for _ in 0..30 {
+            search.add([0.01, 0.0, 0.0, 0.0], [0.0; 4], 1.0 / 30.0, 1e-3);
         }
-        assert_eq!(search.readout(), None);
+        assert_eq!((search.readout(), search.drawn(0.02, false)), (None, 0.02));
+    }
+
+    #[test]
+    fn a_still_camera_says_nothing_and_its_rows_stay() {
+        let mut search = ReadoutSearch::default();
+        for k in 0..90 {
+            let noise = 4e-4 * f64::from(k % 2);
+            search.add([noise, 0.0, 0.0, 0.0], [noise, 0.0, 0.0, 0.0], 1.0 / 30.0, 1e-3);
+        }
+        assert_eq!((search.readout(), search.drawn(0.02, false)), (None, 0.0));
     }
 }
