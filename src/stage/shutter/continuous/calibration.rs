@@ -12,7 +12,7 @@ use super::readout_search::ReadoutSearch;
 use super::reweight::MIN_WEIGHT;
 use super::{Times, dot};
 use crate::geometry::{Calibration, Estimate, Pinhole, Pose, hypot};
-use crate::stage::shutter::{Optics, certainty};
+use crate::stage::shutter::Optics;
 
 /// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals): most webcams and
 /// phones take two thirds of the interval to all of it.
@@ -273,9 +273,15 @@ impl Calibrator {
         }
         // the rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures confirm it
         let believed_s = self.readout_s();
-        let is_known = certainty::known_readout(&self.calibration, times.interval_s).is_some();
-        let goal_s = if self.unknown[0] { self.search.drawn(believed_s, is_known) } else { believed_s };
+        let goal_s = if self.unknown[0] { self.search.drawn(believed_s, self.learned(times.interval_s)) } else { believed_s };
         self.drawn_s += GLIDE * (goal_s - self.drawn_s);
+    }
+
+    /// How much is known of the readout time beyond what is expected of any camera: nothing while half of that expectation's variance is left,
+    /// enough (1) where a quarter is.
+    fn learned(&self, interval_s: f64) -> f64 {
+        let left = (self.calibration.readout_s.sigma / (READOUT_SIGMA * interval_s)).powi(2);
+        (2.0 - 4.0 * left).clamp(0.0, 1.0)
     }
 
     fn take_over(&mut self, interval_s: f64, filter: &mut Filter) {
