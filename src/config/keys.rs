@@ -264,7 +264,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "crop.zoom",
         unit: "ratio",
-        doc: "Magnification that hides the moving border: 1.1 enlarges the picture by a tenth. \"auto\" slowly adapts it to the shake.",
+        doc: "Magnification that hides the moving border: 1.1 enlarges the picture by a tenth. \"auto\" slowly adapts it to the shake, down to 1.02 at rest: the first movement after a minute of rest is then held less.",
         live: true,
         kind: Kind::NumberOrAuto {
             range: (1.0, 2.0),

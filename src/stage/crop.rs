@@ -12,7 +12,7 @@ use nalgebra::Matrix3;
 
 use crate::geometry::{Homography, OutputMap, Pose};
 use bounds::dot;
-pub use bounds::{Bounds, Rows};
+pub use bounds::{Bounds, CORNERS, Corner, Rows};
 
 /// What is done about places that the camera did not see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -9,6 +9,20 @@ use crate::geometry::{PITCH, Pose, ROLL, YAW};
 /// Half-spaces at most: two ways along each axis for each point of the outline.
 pub(super) const MAX_PLANES: usize = 4 * super::PER_SIDE * 4;
 
+/// Half-spaces that [`Bounds::corners`] gives.
+pub const CORNERS: usize = 8;
+/// Planes that [`Bounds::nearest`] moves a correction to, at most.
+const MAX_MOVES: usize = 16;
+
+/// A half-space that binds early, without the rows' motion.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Corner {
+    /// Pixels to a channel's unit.
+    pub normal: Pose,
+    /// Pixels.
+    pub slack: f64,
+}
+
 /// The corrections that keep the outline inside.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
@@ -103,6 +117,44 @@ impl Bounds {
         if part(PITCH) > part(YAW) { PITCH } else { YAW }
     }
 
+    /// The half-spaces that bind first, without the rows' motion: of those that face the same way in yaw or pitch and in roll, the one
+    /// that leaves both least. With roll, that is the outline's corners. The first half bounds yaw, the second pitch; where there is
+    /// none, the normal is 0.
+    pub fn corners(&self) -> [Corner; CORNERS] {
+        let mut corners = [Corner::default(); CORNERS];
+        let mut tightest = [0.0; CORNERS];
+        for plane in self.planes() {
+            let side = self.side_of(plane);
+            let (along, roll) = (plane.normal[side], plane.normal[ROLL]);
+            let class = CORNERS / 2 * side + 2 * usize::from(along < 0.0) + usize::from(roll < 0.0);
+            let tight = (along.abs() + roll.abs()) / plane.slack[Rows::Still as usize].max(1e-9);
+            if tight > tightest[class] {
+                tightest[class] = tight;
+                corners[class] = Corner { normal: plane.normal, slack: plane.slack[Rows::Still as usize] };
+            }
+        }
+        corners
+    }
+
+    /// The correction nearest to `correction` that uses at most `part` of the margin, almost: it is moved to the plane that it is farthest
+    /// beyond, and so on. Distances are in pixels, `scale` to a channel's unit; infinite for a channel that is not to move.
+    pub fn nearest(&self, mut correction: Pose, part: f64, scale: &Pose) -> Pose {
+        for _ in 0..MAX_MOVES {
+            let beyond = |plane: &HalfSpace| dot(&plane.normal, &correction) - part * plane.slack[Rows::Moving as usize];
+            let farthest = self.planes().iter().map(|plane| (beyond(plane), plane)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((over, HalfSpace { normal, .. })) = farthest.filter(|(over, _)| *over > 1e-9) else { break };
+            let way: Pose = std::array::from_fn(|c| normal[c] / (scale[c] * scale[c]));
+            let length = dot(normal, &way);
+            if length <= 0.0 {
+                break;
+            }
+            for (value, way) in correction.iter_mut().zip(way) {
+                *value -= way * over / length;
+            }
+        }
+        correction
+    }
+
     /// The share of the margin that a correction uses, with the rows' motion as it is: 1 touches the picture's edge.
     pub fn crop_use(&self, correction: &Pose) -> f64 {
         self.planes().iter().map(|plane| plane.share(correction)).fold(0.0, f64::max)
@@ -147,5 +199,28 @@ mod tests {
         assert_eq!(bounds.crop_shares(&[0.0; 4]), [0.0; 4]);
         // yaw is at its bound where roll leaves 26 of 30; pitch is not asked
         assert_eq!(bounds.interval(YAW, &[0.0, 20.0, 8.0, 0.0], Rows::Still), [-26.0, 26.0]);
+    }
+
+    #[test]
+    fn the_nearest_correction_is_inside_and_one_inside_stays() {
+        let mut bounds = Bounds::default();
+        for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            bounds.add([x, 0.0, y, 0.0], 30.0, 30.0);
+            bounds.add([0.0, y, x, 0.0], 20.0, 20.0);
+        }
+        let scale = [1.0, 1.0, 2.0, 1.0];
+        let inside = [12.0, -9.0, 8.0, 0.0];
+        assert_eq!(bounds.nearest(inside, 1.0, &scale), inside);
+        for k in 0..200 {
+            let t = f64::from(k);
+            let far = [90.0 * (0.7 * t).sin(), 70.0 * (1.1 * t).cos(), 50.0 * (0.3 * t).sin(), 0.0];
+            let near = bounds.nearest(far, 0.9, &scale);
+            // what is left is for the scale that the smoother applies last
+            assert!(bounds.crop_use(&near) < 0.95, "{far:?} to {near:?}: {}", bounds.crop_use(&near));
+        }
+        // straight beyond one plane, each channel gives way by what it moves for its distance
+        let [yaw, _, roll, _] = bounds.nearest([35.0, 0.0, 0.0, 0.0], 1.0, &[1.0; 4]);
+        assert!((yaw - 30.0).abs() < 1e-6 && roll.abs() < 1e-6, "{yaw} {roll}");
+        assert_eq!(bounds.corners().map(|corner| corner.slack), [30.0, 30.0, 30.0, 30.0, 20.0, 20.0, 20.0, 20.0]);
     }
 }

@@ -20,6 +20,8 @@ const TRIPOD_HZ: f64 = 30.0;
 pub struct Controller {
     /// In the path's units, and ticks.
     motion: Motion,
+    /// The same at the step before.
+    before: Motion,
     /// Length of these ticks, seconds.
     tick_s: f64,
 }
@@ -46,34 +48,16 @@ pub struct StepInput {
 impl Controller {
     /// The virtual camera stands at `place`.
     pub fn begin(&mut self, place: f64) {
-        *self = Self { motion: Motion { place, ticks: 1.0, ..Motion::default() }, tick_s: 0.0 };
+        *self = Self { motion: Motion { place, ticks: 1.0, ..Motion::default() }, ..Self::default() };
     }
 
     /// The virtual camera's place.
     pub fn step(&mut self, tuning: &Tuning, forecast: &Forecast, at: &StepInput) -> f64 {
-        let StepInput { camera, interval_s, known_s, limit, now, later, hold } = *at;
+        let StepInput { camera, interval_s, limit, now, .. } = *at;
         self.keep_time(forecast.tick_s(), interval_s);
+        self.before = self.motion;
         let ticks = interval_s / self.tick_s;
-        let unpredictable = part(forecast.forecast_error() / limit, tuning.foreseen_to, tuning.unforeseen_from);
-        let between = |a: f64, b: f64| a + unpredictable * (b - a);
-        let doubt = between(tuning.doubt, tuning.doubt_unforeseen);
-        let share = between(tuning.later, tuning.later_unforeseen);
-        let share = share + hold * (1.0 - share);
-        let mut ahead = Ahead {
-            later: later.map(|edge| share * edge / limit),
-            known: later.map(|edge| tuning.known * edge / limit),
-            tick_s: self.tick_s,
-            known_s,
-            drag_hz: drag_hz(tuning, 0.5 * forecast.range(tuning.hold_s) / limit, hold),
-            ..Ahead::default()
-        };
-        for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
-            let seconds = i as f64 * self.tick_s - known_s;
-            let (expected, error) = forecast.at(seconds);
-            *place = (expected - camera) / limit;
-            let believed = doubt * hypot(error / limit, tuning.least_deviation);
-            *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
-        }
+        let ahead = outlook(tuning, forecast, at);
         let Motion { place, speed, acceleration, ticks: before } = self.motion;
         let motion =
             Motion { place: (place - camera) / limit, speed: speed / limit, acceleration: acceleration / limit, ticks: before };
@@ -96,6 +80,30 @@ impl Controller {
         }
     }
 
+    /// How it moved before the last step.
+    pub fn before(&self) -> Motion {
+        self.before
+    }
+
+    /// Ticks of the last step.
+    pub fn ticks(&self) -> f64 {
+        self.motion.ticks
+    }
+
+    /// Goes the part `share` of the way from where the last step led to `place`, to which the virtual camera would have been `held` back
+    /// by the window. Gives its place.
+    pub fn blend(&mut self, share: f64, place: f64, held: bool, camera: f64) -> f64 {
+        let (Motion { ticks, .. }, before) = (self.motion, self.before);
+        let mut speed = (place - before.place) / ticks;
+        if held {
+            speed = limited_speed(speed, camera - place);
+        }
+        self.motion.place += share * (place - self.motion.place);
+        self.motion.speed += share * (speed - self.motion.speed);
+        self.motion.acceleration = (self.motion.speed - before.speed) / (0.5 * (ticks + before.ticks));
+        self.motion.place
+    }
+
     /// Takes ticks of the length that the forecast has now.
     fn keep_time(&mut self, tick_s: f64, interval_s: f64) {
         if self.tick_s == 0.0 {
@@ -108,6 +116,33 @@ impl Controller {
         }
         self.tick_s = tick_s;
     }
+}
+
+/// What a plan is made against, in units of the largest correction.
+pub fn outlook(tuning: &Tuning, forecast: &Forecast, at: &StepInput) -> Ahead {
+    let StepInput { camera, known_s, limit, later, hold, .. } = *at;
+    let tick_s = forecast.tick_s();
+    let unpredictable = part(forecast.forecast_error() / limit, tuning.foreseen_to, tuning.unforeseen_from);
+    let between = |a: f64, b: f64| a + unpredictable * (b - a);
+    let doubt = between(tuning.doubt, tuning.doubt_unforeseen);
+    let share = between(tuning.later, tuning.later_unforeseen);
+    let share = share + hold * (1.0 - share);
+    let mut ahead = Ahead {
+        later: later.map(|edge| share * edge / limit),
+        known: later.map(|edge| tuning.known * edge / limit),
+        tick_s,
+        known_s,
+        drag_hz: drag_hz(tuning, 0.5 * forecast.range(tuning.hold_s) / limit, hold),
+        ..Ahead::default()
+    };
+    for (i, (place, deviation)) in ahead.camera.iter_mut().zip(&mut ahead.deviation).enumerate().skip(1) {
+        let seconds = i as f64 * tick_s - known_s;
+        let (expected, error) = forecast.at(seconds);
+        *place = (expected - camera) / limit;
+        let believed = doubt * hypot(error / limit, tuning.least_deviation);
+        *deviation = if seconds <= 0.0 { plan::KNOWN } else { believed };
+    }
+    ahead
 }
 
 /// How much the virtual camera would rather stand, where what the camera did of late takes `range` windows: shake about a place

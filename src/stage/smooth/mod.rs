@@ -1,13 +1,14 @@
 //! The virtual camera's path.
 //!
-//! Two drives move it: one that forecasts the camera and plans its way through the crop window ([`Mode::Adaptive`]), and the paper's
-//! low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. With look-ahead,
+//! Two drives move it: one that forecasts the camera and plans its way through the crop window ([`Mode::Adaptive`]), each channel alone
+//! while the window is wide enough and yaw, pitch and roll together where it is full, and the paper's low-pass ([`Mode::Iir`]), whose correction is made smaller where the window does not hold it, and slowly grows back. With look-ahead,
 //! cameras are observed ([`Smoother::observe`]) before their frames are placed ([`Smoother::step`]). In both, a correction stays inside
 //! of the bounds that it is given, frame by frame. All times are in seconds, so that the rate of the frames changes little.
 
 mod adaptive;
 mod forecast;
 mod iir;
+mod joint;
 mod plan;
 mod tuning;
 
@@ -18,6 +19,8 @@ use super::shutter::RowSpan;
 use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM};
 use adaptive::StepInput;
 use forecast::Forecast;
+use joint::{JointInput, Planned};
+use plan::Ahead;
 pub use tuning::Tuning;
 
 /// Which drive moves the virtual camera.
@@ -83,6 +86,9 @@ pub struct Smoother {
     /// The largest correction of each channel at full strength, as it was last; infinite for one that moves nothing.
     limit: Pose,
     channels: [Channel; 4],
+    /// The plan of the channels together, and the share of the time for which the window was full of late.
+    planner: joint::Planner,
+    fullness: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -126,6 +132,8 @@ impl Smoother {
             begun: false,
             limit: [0.0; 4],
             channels: [channel(), channel(), channel(), channel()],
+            planner: joint::Planner::default(),
+            fullness: 0.0,
         }
     }
 
@@ -138,6 +146,8 @@ impl Smoother {
     pub fn begin(&mut self) {
         (self.observed, self.begun, self.limit) = (false, false, [0.0; 4]);
         self.strength = self.params.strength;
+        self.fullness = 0.0;
+        self.planner.forget();
     }
 
     /// The camera is seen at `camera`, `interval_s` seconds after the frame before, and at `ends` where the frame's rows began and ended.
@@ -196,6 +206,9 @@ impl Smoother {
             let held = channel.camera + channel.correction().clamp(now[0], now[1]);
             channel.set_back(held - channel.place);
         }
+        if self.params.mode == Mode::Adaptive && interval_s > 0.0 {
+            self.share(known_s, hold, bounds);
+        }
         // the channels were held back one by one, each for what the others were: together they may still be too much
         let crop_use = bounds.crop_use(&self.correction());
         if crop_use > 1.0 - 0.5 * SPARE {
@@ -203,7 +216,43 @@ impl Smoother {
                 channel.set_back(channel.correction() * ((1.0 - SPARE) / crop_use - 1.0));
             }
         }
+        let full = if crop_use > self.tuning.full_use * self.part() { 1.0 } else { 0.0 };
+        self.fullness += (full - self.fullness) * (1.0 - (-interval_s / self.tuning.full_s).exp());
         std::array::from_fn(|c| self.channels[c].place)
+    }
+
+    /// Where the window was full of late, the virtual camera goes on from where the channels' own plans lead to where the plan of all of
+    /// them together leads; all the way where it was full for long.
+    fn share(&mut self, known_s: f64, hold: f64, bounds: &Bounds) {
+        let Tuning { full_from, full_to, .. } = self.tuning;
+        let share = ((self.fullness - full_from) / (full_to - full_from)).clamp(0.0, 1.0);
+        let planned = |c: usize| self.channels[c].driven && self.limit[c].is_finite();
+        let Some(first) = (0..joint::C).find(|&c| planned(c)).filter(|_| share > 0.0) else {
+            self.planner.forget();
+            return;
+        };
+        let (tuning, part) = (self.tuning.joint(), self.part());
+        let limit = std::array::from_fn(|c| if planned(c) { self.limit[c] * part } else { 0.0 });
+        let camera = std::array::from_fn(|c| self.channels[c].camera);
+        let ahead = std::array::from_fn(|c| match limit[c] > 0.0 {
+            true => {
+                let edges = [-limit[c], limit[c]];
+                let at =
+                    StepInput { camera: camera[c], interval_s: 0.0, known_s, limit: limit[c], now: edges, later: edges, hold };
+                adaptive::outlook(&tuning, &self.channels[c].forecast, &at)
+            }
+            false => Ahead::default(),
+        });
+        let motion = std::array::from_fn(|c| self.channels[c].drive.before());
+        let (ticks, zoom) = (self.channels[first].drive.ticks(), self.channels[ZOOM].correction());
+        let input =
+            JointInput { camera, ahead: &ahead, motion: &motion, limit, ticks, bounds, part: part * (1.0 - SPARE), zoom };
+        let Some(Planned { wanted, inside }) = self.planner.step(&tuning, &input) else { return };
+        for c in (0..joint::C).filter(|&c| limit[c] > 0.0) {
+            let channel = &mut self.channels[c];
+            channel.place = channel.drive.blend(share, camera[c] + inside[c], inside[c] != wanted[c], camera[c]);
+            channel.filter = iir::LowPass { input: camera[c], output: channel.place, speed: 0.0 };
+        }
     }
 
     /// The part of the window that may be used.

@@ -22,7 +22,7 @@ const ROUNDS: usize = 6;
 /// A step that changes nothing more, half windows.
 const SETTLED: f64 = 3e-4;
 /// Off-diagonals of the equations, and the diagonal.
-const BAND: usize = 4;
+pub const BAND: usize = 4;
 
 /// How the virtual camera moves.
 #[derive(Clone, Copy, Debug, Default)]
@@ -102,7 +102,7 @@ pub fn next(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> f64 
 }
 
 /// Half the slope and half the curvature of E[max(0, e + deviation z)^2], z standard normal.
-fn excess(e: f64, deviation: f64) -> (f64, f64) {
+pub fn excess(e: f64, deviation: f64) -> (f64, f64) {
     let z = e / deviation;
     if z < -4.0 {
         return (0.0, 0.0);
@@ -123,7 +123,7 @@ fn normal(z: f64) -> f64 {
 }
 
 /// Everything but the window: banded equations (diagonal first, then what is before it) and their right-hand side.
-fn smoothness(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> ([[f64; BAND]; AHEAD], [f64; AHEAD]) {
+pub fn smoothness(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> ([[f64; BAND]; AHEAD], [f64; AHEAD]) {
     let (mut matrix, mut right) = ([[0.0; BAND]; AHEAD], [0.0; AHEAD]);
     let pace = ahead.drag_hz * std::f64::consts::TAU * ahead.tick_s;
     let mut speed: Form = [0.0, 0.0, 0.0, 0.0, motion.speed];
@@ -159,30 +159,30 @@ fn smoothness(tuning: &Tuning, motion: &Motion, ticks: f64, ahead: &Ahead) -> ([
 }
 
 /// Solves banded symmetric positive definite equations; the solution takes the right-hand side's place.
-fn solve(matrix: &mut [[f64; BAND]; AHEAD], x: &mut [f64; AHEAD]) {
-    for i in 0..AHEAD {
-        for d in (1..BAND.min(i + 1)).rev() {
+pub fn solve<const B: usize, const N: usize>(matrix: &mut [[f64; B]; N], x: &mut [f64; N]) {
+    for i in 0..N {
+        for d in (1..B.min(i + 1)).rev() {
             let j = i - d;
             let mut sum = matrix[i][d];
-            for e in d + 1..BAND.min(i + 1) {
+            for e in d + 1..B.min(i + 1) {
                 sum -= matrix[i][e] * matrix[j][e - d];
             }
             matrix[i][d] = sum / matrix[j][0];
         }
         let mut sum = matrix[i][0];
-        for d in 1..BAND.min(i + 1) {
+        for d in 1..B.min(i + 1) {
             sum -= matrix[i][d] * matrix[i][d];
         }
         matrix[i][0] = sum.max(1e-12).sqrt();
         let mut value = x[i];
-        for d in 1..BAND.min(i + 1) {
+        for d in 1..B.min(i + 1) {
             value -= matrix[i][d] * x[i - d];
         }
         x[i] = value / matrix[i][0];
     }
-    for i in (0..AHEAD).rev() {
+    for i in (0..N).rev() {
         x[i] /= matrix[i][0];
-        for d in 1..BAND.min(i + 1) {
+        for d in 1..B.min(i + 1) {
             x[i - d] -= matrix[i][d] * x[i];
         }
     }

@@ -326,3 +326,53 @@ fn strength_and_mode_glide() {
         last = Some((camera, place));
     }
 }
+
+/// What the channels' own plans make of a path; no window ever counts as full.
+fn follow_alone(path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+    let never = Tuning { full_from: 2.0, full_to: 3.0, ..Tuning::default() };
+    let (mut smoother, bounds) = (Smoother::tuned(&Params::default(), &never), window());
+    let place = |k: usize| {
+        let camera = path(k as f64 / 30.0);
+        (camera, step(&mut smoother, camera, if k > 0 { 1.0 / 30.0 } else { 0.0 }, &bounds))
+    };
+    (0..360).map(place).collect()
+}
+
+#[test]
+fn the_channels_are_planned_together_only_where_the_window_is_full() {
+    let mut differ = 0;
+    for seed in 0..30 {
+        let rms = [1.0, 4.0, 25.0][seed as usize % 3];
+        let (path, alone) = (follow(Params::default(), 30.0, 12.0, shake(seed, rms)), follow_alone(shake(seed, rms)));
+        let crop_use = |(camera, place): &(Pose, Pose)| window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+        let full = alone.iter().position(|frame| crop_use(frame) > Tuning::default().full_use);
+        let first = path.iter().zip(&alone).position(|(a, b)| a.1 != b.1);
+        assert!(
+            first.is_none_or(|first| full.is_some_and(|full| full < first)),
+            "seed {seed}: full {full:?}, differs {first:?}"
+        );
+        differ += usize::from(first.is_some());
+    }
+    assert!((10..28).contains(&differ), "{differ} of 30 paths differ");
+}
+
+#[test]
+fn a_full_window_is_shared_by_what_it_buys() {
+    let (mut sums, seeds) = ([[0.0; 2]; 2], 16);
+    for seed in 0..seeds {
+        // a camera that was taken up turned to one side, and shakes more than the window holds
+        let shaken = shake(seed, 22.0);
+        let path = |t: f64| {
+            let [yaw, pitch, roll, zoom] = shaken(t);
+            [yaw, pitch, roll + 16.0 * (t / 0.6).min(1.0), zoom]
+        };
+        for (sum, path) in sums.iter_mut().zip([follow_alone(path), follow(Params::default(), 30.0, 12.0, path)]) {
+            let second = |w: &[(Pose, Pose)], c: usize| (w[0].1[c] - 2.0 * w[1].1[c] + w[2].1[c]).powi(2);
+            sum[0] += path.windows(3).map(|w| second(w, YAW) + second(w, PITCH)).sum::<f64>().sqrt();
+            sum[1] += path[90..].iter().map(|(camera, place)| (place[ROLL] - camera[ROLL]).abs()).sum::<f64>();
+        }
+    }
+    let [acceleration, roll] = [0, 1].map(|i| sums[1][i] / sums[0][i]);
+    println!("channels together over channels alone: acceleration {acceleration:.3}, correction of roll {roll:.3}");
+    assert!(acceleration < 0.93 && roll < 0.7, "acceleration {acceleration}, correction of roll {roll}");
+}

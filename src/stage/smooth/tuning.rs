@@ -76,4 +76,25 @@ numbers! {
     later_unforeseen = 1.0;
     /// .. and with look-ahead, where the camera's path is known.
     known = 0.9;
+    /// The window counts as full where at least this part of it is used.
+    full_use = 0.8;
+    /// Seconds for which it is remembered how often it was full.
+    full_s = 1.5;
+    /// The channels are planned together from this share of the time on, at first a little, ..
+    full_from = 0.1;
+    /// .. and wholly from this share on.
+    full_to = 0.3;
+    /// `later` of the plan of all channels together ..
+    joint_later = 0.96;
+    /// .. and its `follow_hz`.
+    joint_follow_hz = 1.2;
+    /// Strength of that plan's pull of roll towards the camera, Hz: the natural frequency that it would have without the other terms.
+    roll_return_hz = 0.6;
+}
+
+impl Tuning {
+    /// The numbers as the plan of all channels together takes them.
+    pub(super) fn joint(&self) -> Self {
+        Self { later: self.joint_later, follow_hz: self.joint_follow_hz, ..*self }
+    }
 }
