@@ -110,7 +110,7 @@ pub enum RequestError {
     #[error("invalid request: expected a line of UTF-8 text")]
     NotText,
     /// Text that is no request; says which text and what was expected.
-    #[error("unknown request {text}: {what}; expected status, prometheus, history NUMBER, on, off, set KEY=VALUE, reload")]
+    #[error("invalid request {text}: {what}; expected status, prometheus, history NUMBER, on, off, set KEY=VALUE, reload")]
     Unknown {
         /// The beginning of what was sent.
         text: String,
@@ -225,13 +225,13 @@ mod tests {
             ("status now", "status takes no arguments"),
             ("set", "KEY=VALUE"),
             ("set crop.zoom", "KEY=VALUE"),
-            ("\"set\"", "unknown request"),
+            ("\"set\"", "invalid request"),
             ("{\"set\":5}", "invalid type"),
             ("history", "expected the number of a frame"),
             ("history -1", "expected the number of a frame"),
             ("{\"history\":-1}", "expected the number of a frame"),
             ("{\"history\":[]}", "expected the number of a frame"),
-            ("{\"set\":\"a=b\",\"on\":null}", "unknown request"),
+            ("{\"set\":\"a=b\",\"on\":null}", "invalid request"),
             ("{\"status\":", "EOF"),
             ("\"status\" \"on\"", "trailing"),
             ("{\"launch\":1}", "launch"),

@@ -196,8 +196,8 @@ impl Backend for DaemonBackend {
 struct PictureStream {
     client: Client,
     format: Option<Format>,
-    /// The camera's node, opened: the proof that this user may see its pictures.
-    proof: Option<OwnedFd>,
+    /// The camera's node, opened: the proof that this user may see its pictures; or why it cannot be opened.
+    proof: Result<OwnedFd, io::ErrorKind>,
     /// The one piece of memory that is lent, and its number. A new size needs a new one.
     lent: Option<(u64, Pair)>,
     /// The daemon has drawn into the memory. It is freed when the next picture is due: this limits the rate at which the daemon draws.
@@ -215,7 +215,7 @@ impl PictureStream {
         Ok(Self {
             client: Client::connect(path)?,
             format: None,
-            proof: None,
+            proof: Err(io::ErrorKind::NotFound),
             lent: None,
             is_drawn: false,
             due: Instant::now(),
@@ -295,8 +295,8 @@ impl PictureStream {
         let Some(format) = &self.format else { return Ok(()) };
         let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
         let opened = OpenOptions::new().read(true).write(true).custom_flags(flags).open(&format.camera);
-        self.proof = opened.ok().map(OwnedFd::from);
-        self.client.watch_both((format.width, format.height), self.proof.as_ref().map(AsFd::as_fd))
+        self.proof = opened.map(OwnedFd::from).map_err(|error| error.kind());
+        self.client.watch_both((format.width, format.height), self.proof.as_ref().ok().map(AsFd::as_fd))
     }
 
     fn text_of(&self, refusal: Refusal) -> String {
@@ -304,10 +304,14 @@ impl PictureStream {
             Refusal::Size => "no pictures: programs that use the camera need another size".into(),
             Refusal::Proof => match self.format.as_ref().map(|format| &format.camera) {
                 Some(camera) if camera.as_os_str().is_empty() => "waiting for the camera".into(),
-                Some(camera) if self.proof.is_none() => {
-                    format!("no pictures: you may not open {}; members of the group video may", camera.display())
-                }
-                _ => "waiting for the camera".into(),
+                Some(camera) => match self.proof {
+                    Ok(_) => "waiting for the camera".into(),
+                    Err(io::ErrorKind::PermissionDenied) => {
+                        format!("no pictures: you may not open {}; members of the group video may", camera.display())
+                    }
+                    Err(why) => format!("no pictures: the camera {} cannot be opened: {why}", camera.display()),
+                },
+                None => "waiting for the camera".into(),
             },
         }
     }
