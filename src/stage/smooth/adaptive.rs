@@ -80,6 +80,13 @@ impl Controller {
         }
     }
 
+    /// A step without a plan: [`Controller::blend`] says all of it.
+    pub fn wait(&mut self, forecast: &Forecast, interval_s: f64) {
+        self.keep_time(forecast.tick_s(), interval_s);
+        self.before = self.motion;
+        self.motion.ticks = interval_s / self.tick_s;
+    }
+
     /// How it moved before the last step.
     pub fn before(&self) -> Motion {
         self.before

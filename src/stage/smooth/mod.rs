@@ -183,6 +183,7 @@ impl Smoother {
         let goal = self.params.strength.clamp(0.0, TRIPOD);
         self.strength += (goal - self.strength).clamp(-interval_s / STRENGTH_S, interval_s / STRENGTH_S);
         let hold = (self.strength - 1.0).clamp(0.0, TRIPOD - 1.0);
+        let share = self.joint_share();
         for c in ORDER {
             let limit = self.limit[c] * self.part();
             if !limit.is_finite() || limit <= 0.0 {
@@ -197,8 +198,8 @@ impl Smoother {
             if interval_s > 0.0 {
                 match self.params.mode {
                     Mode::Adaptive => {
-                        channel
-                            .drive(&self.tuning, StepInput { camera: camera[c], interval_s, known_s, limit, now, later, hold });
+                        let at = StepInput { camera: camera[c], interval_s, known_s, limit, now, later, hold };
+                        channel.drive(&self.tuning, at, c == ZOOM || share < 1.0);
                     }
                     Mode::Iir => channel.filter(self.params.cutoff_hz, before, interval_s, later),
                 }
@@ -207,7 +208,7 @@ impl Smoother {
             channel.set_back(held - channel.place);
         }
         if self.params.mode == Mode::Adaptive && interval_s > 0.0 {
-            self.share(known_s, hold, bounds);
+            self.plan_together(share, known_s, hold, bounds);
         }
         // the channels were held back one by one, each for what the others were: together they may still be too much
         let crop_use = bounds.crop_use(&self.correction());
@@ -221,11 +222,15 @@ impl Smoother {
         std::array::from_fn(|c| self.channels[c].place)
     }
 
-    /// Where the window was full of late, the virtual camera goes on from where the channels' own plans lead to where the plan of all of
-    /// them together leads; all the way where it was full for long.
-    fn share(&mut self, known_s: f64, hold: f64, bounds: &Bounds) {
+    /// How far the virtual camera goes from where the channels' own plans lead to where the plan of all of them together leads: 0 to 1, by how
+    /// often the window was full of late.
+    fn joint_share(&self) -> f64 {
         let Tuning { full_from, full_to, .. } = self.tuning;
-        let share = ((self.fullness - full_from) / (full_to - full_from)).clamp(0.0, 1.0);
+        ((self.fullness - full_from) / (full_to - full_from)).clamp(0.0, 1.0)
+    }
+
+    /// Goes the part `share` of the way to where the plan of all channels together leads.
+    fn plan_together(&mut self, share: f64, known_s: f64, hold: f64, bounds: &Bounds) {
         let planned = |c: usize| self.channels[c].driven && self.limit[c].is_finite();
         let Some(first) = (0..joint::C).find(|&c| planned(c)).filter(|_| share > 0.0) else {
             self.planner.forget();
@@ -292,7 +297,8 @@ impl Channel {
         }
     }
 
-    fn drive(&mut self, tuning: &Tuning, at: StepInput) {
+    /// A step of the adaptive drive; with no plan of its own, the place is up to the plan of all channels.
+    fn drive(&mut self, tuning: &Tuning, at: StepInput, alone: bool) {
         if self.forecast.tick_s() == 0.0 {
             return;
         }
@@ -300,7 +306,11 @@ impl Channel {
             self.drive.begin(self.place);
             self.driven = true;
         }
-        self.place = self.drive.step(tuning, &self.forecast, &at);
+        if alone {
+            self.place = self.drive.step(tuning, &self.forecast, &at);
+        } else {
+            self.drive.wait(&self.forecast, at.interval_s);
+        }
         self.filter = iir::LowPass { input: self.camera, output: self.place, speed: 0.0 };
         self.gain = 1.0;
     }
