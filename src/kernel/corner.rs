@@ -44,19 +44,14 @@ pub fn strongest(
     let mut strengths = [[0.0; MAX]; MAX];
     let mut strongest = [0.0; MAX];
     measure(level, plane, [x0, y0], [w, h], &mut strengths, &mut strongest);
-    // the row of the strongest place first: most others hold nothing better then
-    let first = (0..h).fold(0, |first, j| if strongest[j] > strongest[first] { j } else { first });
     let mut best: Option<Corner> = None;
-    for j in std::iter::once(first).chain((0..h).filter(|&j| j != first)) {
-        // of places equally strong, the uppermost counts, of those in a row the leftmost
-        let better = |best: Option<Corner>, strength: f32| {
-            best.is_none_or(|best| strength > best.strength || (strength == best.strength && y0 + j < best.y))
-        };
-        if !better(best, strongest[j]) {
+    for (j, row) in strengths[..h].iter().enumerate() {
+        // most rows hold nothing better
+        if best.is_some_and(|best| strongest[j] <= best.strength) {
             continue;
         }
-        for (i, &strength) in strengths[j][..w].iter().enumerate() {
-            if better(best, strength) && allowed(x0 + i, y0 + j) {
+        for (i, &strength) in row[..w].iter().enumerate() {
+            if best.is_none_or(|best| strength > best.strength) && allowed(x0 + i, y0 + j) {
                 best = Some(Corner { x: x0 + i, y: y0 + j, strength });
             }
         }
@@ -99,9 +94,10 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
     for (j, row) in rows[..2].iter_mut().enumerate() {
         row[..used].copy_from_slice(&plane.row(y0 + j - REACH - 1)[x0 - REACH - 1..][..used]);
     }
-    // gradient products of the window's rows, summed along columns first (a running sum), then along rows
-    let mut products = [[[0i32; WIDE]; 3]; SIDE];
-    let mut columns = [[0i32; WIDE]; 3];
+    // gradient products of the window's rows, summed along columns first (a running sum), then along rows: whole numbers below 2^22, which
+    // single precision holds and multiplies faster than 32-bit integers
+    let mut products = [[[0f32; WIDE]; 3]; SIDE];
+    let mut columns = [[0f32; WIDE]; 3];
     for j in 0..h + 2 * REACH {
         rows[(j + 2) % 3][..used].copy_from_slice(&plane.row(y0 + j + 1 - REACH)[x0 - REACH - 1..][..used]);
         let (above, here, below) = (&rows[j % 3], &rows[(j + 1) % 3], &rows[(j + 2) % 3]);
@@ -115,8 +111,8 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
             let (xy, sum_xy) = (&mut xy[at..at + GROUP], &mut sum_xy[at..at + GROUP]);
             let (yy, sum_yy) = (&mut yy[at..at + GROUP], &mut sum_yy[at..at + GROUP]);
             for i in 0..GROUP {
-                let gx = i32::from(right[i]) - i32::from(left[i]);
-                let gy = i32::from(below[i]) - i32::from(above[i]);
+                let gx = (i32::from(right[i]) - i32::from(left[i])) as f32;
+                let gy = (i32::from(below[i]) - i32::from(above[i])) as f32;
                 sum_xx[i] += gx * gx - xx[i];
                 sum_xy[i] += gx * gy - xy[i];
                 sum_yy[i] += gy * gy - yy[i];
@@ -127,7 +123,7 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
         }
         let Some(j) = j.checked_sub(2 * REACH) else { continue };
         for at in (0..places).step_by(GROUP) {
-            let mut sums = [[0i32; GROUP]; 3];
+            let mut sums = [[0f32; GROUP]; 3];
             for k in 0..3 {
                 let c = &columns[k][at..at + GROUP + 2 * REACH];
                 for i in 0..GROUP {
@@ -137,9 +133,9 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
             let out = &mut all[j][at..at + GROUP];
             for i in 0..GROUP {
                 // central differences were not halved: a quarter
-                let xx = sums[0][i] as f32 * (0.25 / AREA);
-                let xy = sums[1][i] as f32 * (0.25 / AREA);
-                let yy = sums[2][i] as f32 * (0.25 / AREA);
+                let xx = sums[0][i] * (0.25 / AREA);
+                let xy = sums[1][i] * (0.25 / AREA);
+                let yy = sums[2][i] * (0.25 / AREA);
                 out[i] = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
             }
         }

@@ -51,8 +51,12 @@ pub fn remember(features: &mut [Feature], tracks: &[Track], confidence: f64) {
 
 /// Steps at most on a level.
 const MAX_STEPS: usize = 10;
-/// A step shorter than this ends the search on the finest level, and on the others (pixels of that level).
+/// Where the next step would be shorter than this, the search ends on the finest level, and on the others (pixels of that level).
 const SETTLED: [f32; 2] = [0.004, 0.04];
+/// The least part of a step that the next one is expected to be: the first steps of a search say little of it.
+const MIN_SHRINKING: f32 = 0.25;
+/// Steps are made at most twice as long: those that shrink more slowly do not do so evenly.
+const MAX_SHRINKING: f32 = 0.5;
 /// A step or a way longer than this on one level is a point lost (pixels of that level).
 const FARTHEST: f32 = 12.0;
 /// Root mean square difference between both patches above which they are not the same thing (grey levels).
@@ -159,8 +163,8 @@ impl Tracker {
         let furthest = self.params.max_round_trip_px as f32;
         let coarsest = old.levels.len();
         let mut template = lk::Template::<N>::default();
-        let mut look = |at: [f32; 2], guess: [f32; 2], from: usize| {
-            follow_one(level, &mut template, [old, new], at, guess, from).filter(|found| {
+        let mut look = |at: [f32; 2], guess: [f32; 2], from: usize, trusted: bool| {
+            follow_one(level, &mut template, [old, new], at, guess, from, trusted).filter(|found| {
                 let to = [at[0] + found.shift[0], at[1] + found.shift[1]];
                 found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
             })
@@ -176,11 +180,12 @@ impl Tracker {
             let near = |found: &Found, guess: [f32; 2]| {
                 found.sigma <= SHARP && hypot(found.shift[0] - guess[0], found.shift[1] - guess[1]) <= NEAR
             };
+            let trusted = feature.age >= TRUSTED.0 && feature.background > TRUSTED.1;
             let found = self
                 .neighbours
                 .shift(feature.at)
-                .and_then(|guess| look(feature.at, guess, 0).filter(|found| near(found, guess)))
-                .or_else(|| look(feature.at, [0.0; 2], coarsest));
+                .and_then(|guess| look(feature.at, guess, 0, trusted).filter(|found| near(found, guess)))
+                .or_else(|| look(feature.at, [0.0; 2], coarsest, false));
             if let Some(found) = &found {
                 self.neighbours.found(feature.at, found.shift);
             }
@@ -192,7 +197,7 @@ impl Tracker {
             && lost * 8 > features.len()
         {
             for (feature, found) in features.iter().zip(&mut self.found).filter(|(_, found)| found.is_none()) {
-                *found = look(feature.at, guess, coarsest);
+                *found = look(feature.at, guess, coarsest, false);
             }
         }
     }
@@ -202,6 +207,10 @@ impl Tracker {
 /// well as this (standard deviation, pixels). In noise, and where something moves on its own, only the pyramid tells what is what.
 const NEAR: f32 = 1.5;
 const SHARP: f32 = 0.06;
+
+/// A point followed through this many pairs of frames, and this surely background, is trusted: where its neighbours' motion leads to it, the
+/// way back need not prove that it is the same point.
+const TRUSTED: (u32, f32) = (4, 0.5);
 
 /// How the points moved that were found last in each part of the picture.
 #[derive(Debug, Default)]
@@ -277,8 +286,9 @@ impl<'a> Pyramids<'a> {
     }
 }
 
-/// Follows the point `at` forth and back between two pictures (the older first), from level `from` down; the way back begins at the
-/// opposite of `guess`, not where the way forth ended, or it would prove nothing.
+/// Follows the point `at` forth and back between two pictures (the older first), from level `from` down. The way back begins at the
+/// opposite of `guess`, not where the way forth ended, or it would not prove that they end at the same place; that of a point that is
+/// `trusted` begins there, one step or two from its end, and takes the bias out of the mean.
 fn follow_one<const N: usize>(
     level: Level,
     template: &mut lk::Template<N>,
@@ -286,10 +296,12 @@ fn follow_one<const N: usize>(
     at: [f32; 2],
     guess: [f32; 2],
     from: usize,
+    trusted: bool,
 ) -> Option<Found> {
     let forth = descend(level, template, [old, new], at, guess, from)?;
     let there = [at[0] + forth.shift[0], at[1] + forth.shift[1]];
-    let back = descend(level, template, [new, old], there, guess.map(|g| -g), from)?;
+    let back = if trusted { forth.shift } else { guess };
+    let back = descend(level, template, [new, old], there, back.map(|g| -g), from)?;
     let apart = [forth.shift[0] + back.shift[0], forth.shift[1] + back.shift[1]];
     let shift = [forth.shift[0] - 0.5 * apart[0], forth.shift[1] - 0.5 * apart[1]];
     let centroid = [0, 1].map(|i: usize| 0.5 * (forth.centroid[i] + back.centroid[i]));
@@ -321,6 +333,13 @@ fn descend<const N: usize>(
     Some(way)
 }
 
+/// The part of a step that the one after it was, along it: 0 to [`MAX_SHRINKING`]. Gauss-Newton's steps shrink by about the same part each
+/// time, and so all that are still to come can be taken at once: a step is worth 1 / (1 - part) of itself (Aitken's extrapolation).
+fn shrinking(before: [f32; 2], now: [f32; 2]) -> f32 {
+    let square = before[0] * before[0] + before[1] * before[1];
+    ((before[0] * now[0] + before[1] * now[1]) / square).clamp(0.0, MAX_SHRINKING)
+}
+
 /// Gauss-Newton on one level, in its pixels, from the shift `start` on.
 fn align<const N: usize>(
     level: Level,
@@ -339,21 +358,28 @@ fn align<const N: usize>(
         return None;
     }
     let mut shift = start;
-    let mut difference = f32::INFINITY;
+    let mut left = f32::INFINITY;
+    let mut before: Option<[f32; 2]> = None;
     for _ in 0..MAX_STEPS {
         let step = template.compare(level, plane, [here[0] + shift[0], here[1] + shift[1]]);
         let [bx, by] = step.rhs;
         let delta = [(xy * by - yy * bx) / determinant, (xy * bx - xx * by) / determinant];
-        shift = [shift[0] + delta[0], shift[1] + delta[1]];
-        difference = ((step.square - step.sum * step.sum / area) / area).max(0.0).sqrt();
+        // what is left of the squares after the step: it takes as much as it is long along the slope
+        left = step.square - step.sum * step.sum / area + (bx * delta[0] + by * delta[1]);
+        let part = before.map_or(0.0, |before| shrinking(before, delta));
+        let scale = 1.0 / (1.0 - part);
+        shift = [shift[0] + scale * delta[0], shift[1] + scale * delta[1]];
         let way = hypot(shift[0] - start[0], shift[1] - start[1]);
         if !way.is_finite() || way > FARTHEST {
             return None;
         }
-        if hypot(delta[0], delta[1]) < settled {
+        let next = if before.is_some() { part.max(MIN_SHRINKING) } else { 1.0 };
+        if next * hypot(delta[0], delta[1]) < settled {
             break;
         }
+        before = Some(delta);
     }
+    let difference = (left / area).max(0.0).sqrt();
     if difference > MAX_DIFFERENCE {
         return None;
     }
