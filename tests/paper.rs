@@ -4,9 +4,10 @@ use std::process::Command;
 
 /// The cells of the row of the table that begins with `figure`, without markup.
 fn row(page: &str, figure: &str) -> Vec<String> {
-    let start = page.find(&format!("<tr><td>{figure}<td>")).unwrap_or_else(|| panic!("no row {figure}"));
+    let start = page.find(&format!("<tr><td>{figure}</td><td>")).unwrap_or_else(|| panic!("no row {figure}"));
     let row = page[start..].split("</tr>").next().unwrap();
-    row.split("<td").skip(1).map(|cell| cell.split_once('>').unwrap().1.replace("<br>", " ")).collect()
+    let content = |cell: &str| cell.split_once('>').unwrap().1.replace("</td>", "").replace("<br>", " ");
+    row.split("<td").skip(1).map(content).collect()
 }
 
 /// A page's text without the data of its pictures, in which any three letters may follow each other.

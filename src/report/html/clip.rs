@@ -1,6 +1,7 @@
 //! The player of the page: small pictures of the stretch that shook most, and some from the whole run for the pointer on the plots.
 
-use std::fmt::Write as _;
+use maud::{Markup, PreEscaped, html};
+use serde_json::json;
 
 use super::picture::base64;
 use crate::frame::Frame;
@@ -99,7 +100,7 @@ impl Clip {
 
     /// The player as HTML of at most about `room` bytes; nothing where there are too few pictures. `time_of` gives the time of a frame in
     /// seconds.
-    pub(super) fn html(&self, room: usize, time_of: impl Fn(u64) -> f64) -> String {
+    pub(super) fn html(&self, room: usize, time_of: impl Fn(u64) -> f64) -> Markup {
         let last_is_best = self.best.shots.len() < 2 || self.stretch.shake > self.best.shake;
         let stretch = if last_is_best { &self.stretch.shots } else { &self.best.shots };
         let overview = thinned(&self.overview, (OVERVIEW_SHARE * room as f64) as usize);
@@ -112,37 +113,50 @@ impl Clip {
                 fits
             })
             .collect();
-        let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return String::new() };
+        let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return Markup::default() };
         if stretch.len() < 2 {
-            return String::new();
+            return Markup::default();
         }
         let (from, to) = (time_of(first.index), time_of(last.index));
         let mut all: Vec<&Shot> = stretch.iter().copied().chain(overview).collect();
         all.sort_by_key(|shot| shot.index);
         all.dedup_by_key(|shot| shot.index);
-        let [width, height] = self.size;
-        let mut html = PLAYER.replace("@from@", &format!("{from:.2}")).replace("@to@", &format!("{to:.2}"));
-        let _ = write!(
-            html,
-            "<script type=\"application/json\" id=clip>{{\"size\":[{width},{height}],\"from\":{from:.4},\"to\":{to:.4},\"frames\":["
-        );
-        for (at, shot) in all.into_iter().enumerate() {
-            let comma = if at > 0 { "," } else { "" };
-            let _ = write!(html, "{comma}[{:.4},\"{}\"]", time_of(shot.index), base64(&shot.jpeg));
+        let tenth_ms = |index: u64| (1e4 * time_of(index)).round() / 1e4;
+        let frames: Vec<_> = all.into_iter().map(|shot| json!([tenth_ms(shot.index), base64(&shot.jpeg)])).collect();
+        // Numbers and base64: nothing in it ends the element.
+        let data = json!({ "size": self.size, "from": tenth_ms(first.index), "to": tenth_ms(last.index), "frames": frames });
+        html! {
+            (player(from, to))
+            script type="application/json" id="clip" { (PreEscaped(data.to_string())) }
         }
-        html.push_str("]}</script>\n");
-        html
     }
 }
 
-const PLAYER: &str = "<figure id=player hidden><figcaption><b>Player</b> The stretch that shook most, from @from@ s to @to@ s. Point at a plot below to see \
-    the nearest picture of that time.</figcaption>\
-    <div id=stage tabindex=0 role=slider aria-label=\"Divider: before on the left, after on the right\" aria-valuemin=0 aria-valuemax=100 \
-    aria-valuenow=50><canvas id=picture></canvas><div id=divider></div><span class=\"side left\">before</span>\
-    <span class=\"side right\">after</span></div>\
-    <div class=controls><button id=play>Play</button><input id=seek type=range min=0 max=1 step=any value=0 aria-label=Time>\
-    <output id=time></output></div>\
-    <p class=keys>Drag the divider, or use \u{2190} \u{2192} on the picture. Space plays, comma and period step.</p></figure>\n";
+/// The player, which the page's script fills; its pictures are from `from` to `to` (seconds).
+fn player(from: f64, to: f64) -> Markup {
+    html! {
+        figure #player hidden {
+            figcaption {
+                b { "Player" }
+                " The stretch that shook most, from " (format!("{from:.2}")) " s to " (format!("{to:.2}")) " s. Point at a plot below to see \
+                 the nearest picture of that time."
+            }
+            div #stage tabindex="0" role="slider" aria-label="Divider: before on the left, after on the right" aria-valuemin="0"
+                aria-valuemax="100" aria-valuenow="50" {
+                canvas #picture {}
+                div #divider {}
+                span.side.left { "before" }
+                span.side.right { "after" }
+            }
+            div.controls {
+                button #play { "Play" }
+                input #seek type="range" min="0" max="1" step="any" value="0" aria-label="Time";
+                output #time {}
+            }
+            p.keys { "Drag the divider, or use \u{2190} \u{2192} on the picture. Space plays, comma and period step." }
+        }
+    }
+}
 
 /// A shot's bytes in the page.
 fn bytes(shot: &Shot) -> usize {
@@ -185,7 +199,7 @@ mod tests {
     #[test]
     fn the_stretch_that_shook_most_is_shown_and_the_whole_run_a_little() {
         let clip = run(1000, 470..500);
-        let html = clip.html(2_000_000, |index| index as f64 / 30.0);
+        let html = clip.html(2_000_000, |index| index as f64 / 30.0).0;
         assert!(html.contains("from 15.00 s to 19.93 s"), "{}", &html[..300]);
         let times = times(&html);
         let inside = times.iter().filter(|time| (15.0..20.0).contains(*time)).count();
@@ -193,25 +207,25 @@ mod tests {
         assert!(times.len() - inside >= 20 && times[0] == 0.0 && *times.last().unwrap() > 31.0, "{times:?}");
         assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
         // A run that ends with it.
-        assert!(run(200, 160..200).html(2_000_000, |index| index as f64 / 30.0).contains("from 5.00 s"));
+        assert!(run(200, 160..200).html(2_000_000, |index| index as f64 / 30.0).0.contains("from 5.00 s"));
     }
 
     #[test]
     fn it_takes_no_more_room_than_there_is() {
         let clip = run(1000, 0..1);
-        let whole = clip.html(2_000_000, |index| index as f64).len();
+        let whole = clip.html(2_000_000, |index| index as f64).0.len();
         for room in [whole / 2, whole / 4] {
-            let html = clip.html(room, |index| index as f64);
+            let html = clip.html(room, |index| index as f64).0;
             assert!(html.len() < room + 1500 && times(&html).len() > 3, "{} of {room}", html.len());
         }
-        assert_eq!(clip.html(0, |index| index as f64), "");
+        assert_eq!(clip.html(0, |index| index as f64).0, "");
     }
 
     #[test]
     fn short_and_empty_runs_have_no_player() {
         for frames in [0, 1] {
-            assert_eq!(run(frames, 0..0).html(1_000_000, |index| index as f64), "");
+            assert_eq!(run(frames, 0..0).html(1_000_000, |index| index as f64).0, "");
         }
-        assert!(run(4, 0..0).html(1_000_000, |index| index as f64).contains("id=clip"));
+        assert!(run(4, 0..0).html(1_000_000, |index| index as f64).0.contains("id=\"clip\""));
     }
 }

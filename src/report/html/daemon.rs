@@ -1,11 +1,11 @@
 //! The page about a running daemon: the last minute, to be attached to a report of a fault. It says nothing of the user unless asked to: what
 //! it shows is named here, one by one, and everything else stays out.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
-use super::picture::base64;
-use super::plot::{Plot, Series, escaped};
-use super::sections::{begin, cost, end, fact, motion, path, remaining_shake, settings, trust};
+use super::picture::jpeg_url;
+use super::plot::{Plot, Series};
+use super::sections::{cost, fact, motion, page, path, remaining_shake, settings, trust};
 use super::{Journal, Sample};
 use crate::config::{Key, Kind, Settings, keys};
 use crate::control::{CameraInfo, Found, FrameRecord, Status};
@@ -42,22 +42,22 @@ impl DaemonReport<'_> {
         let records = self.last_records();
         let journal = journal(&records, &read);
         let times: Vec<f64> = relative(&journal);
-        let mut html = begin("gimbald: report of a running service");
-        self.head(&mut html, &records, &journal);
-        service(&mut html, status, self.with_names);
-        pictures(&mut html, self.pictures);
-        if !records.is_empty() {
-            motion(&mut html, &journal, &times);
-            path(&mut html, &journal, &times);
-            trust(&mut html, &journal, &times);
-            let mut stats = Stats::default();
-            records.iter().for_each(|record| stats.add_times(&record.spent_ms.map(|ms| (f64::from(ms) * 1e6) as u64)));
-            age(&mut html, &records, &times, &journal);
-            cost(&mut html, &journal, &stats, &times);
-        }
-        settings(&mut html, &read, |key| self.with_names || !may_name(key));
-        end(&mut html);
-        html
+        let mut stats = Stats::default();
+        records.iter().for_each(|record| stats.add_times(&record.spent_ms.map(|ms| (f64::from(ms) * 1e6) as u64)));
+        let body = html! {
+            (self.head(&records, &journal))
+            (service(status, self.with_names))
+            (pictures(self.pictures))
+            @if !records.is_empty() {
+                (motion(&journal, &times))
+                (path(&journal, &times))
+                (trust(&journal, &times))
+                (age(&records, &times, &journal))
+                (cost(&journal, &stats, &times))
+            }
+            (settings(&read, |key| self.with_names || !may_name(key)))
+        };
+        page("gimbald: report of a running service", &body)
     }
 
     /// The frames of the last minute before the newest one.
@@ -68,38 +68,42 @@ impl DaemonReport<'_> {
         self.frames.iter().filter(is_shown).copied().collect()
     }
 
-    fn head(&self, html: &mut String, records: &[FrameRecord], journal: &Journal) {
+    fn head(&self, records: &[FrameRecord], journal: &Journal) -> Markup {
         let left_out = match (self.with_names, self.pictures.is_empty()) {
             (false, true) => "no names of programs or devices, no serial numbers, no paths and no pictures",
             (false, false) => "no names of programs or devices, no serial numbers and no paths, but pictures of the camera",
             (true, true) => "names and paths of devices, but no names of programs and no pictures",
             (true, false) => "names and paths of devices, and pictures of the camera",
         };
-        let _ = writeln!(
-            html,
-            "<p>Made by <code>gimbald report</code> to be attached to a bug report. It contains {left_out}.</p>"
-        );
-        let (Some(first), Some(last)) = (records.first(), records.last()) else {
-            html.push_str("<p>The service has processed no frames since it started.</p>\n");
-            return;
-        };
-        let _ = writeln!(
-            html,
-            "<p>The {} frames of the last {:.1} s in which the camera was on, stabilized with the model <code>{}</code>.</p>\n<dl class=facts>",
-            records.len(),
-            last.time_s - first.time_s,
-            journal.names.name
-        );
-        remaining_shake(html, journal);
-        let most = records.iter().map(|record| f64::from(record.crop_use)).fold(0.0, f64::max);
-        fact(html, "crop margin used", &format!("{:.0} %", 100.0 * most), "maximum; 100 % reaches the edge");
-        let least = records.iter().map(|record| f64::from(record.trust)).fold(1.0, f64::min);
-        fact(html, "trust", &format!("{:.2}", records[records.len() - 1].trust), &format!("newest; minimum {least:.2}"));
-        let count = |wanted: fn(Outcome) -> bool| records.iter().filter(|record| wanted(record.outcome())).count();
-        let [held, passed] = [count(|o| matches!(o, Outcome::Held(_))), count(|o| matches!(o, Outcome::PassedThrough(_)))];
-        let stabilized = count(|o| o == Outcome::Stabilized);
-        fact(html, "frames stabilized", &stabilized.to_string(), &format!("{held} held, {passed} passed through"));
-        html.push_str("</dl>\n");
+        html! {
+            p { "Made by " code { "gimbald report" } " to be attached to a bug report. It contains " (left_out) "." }
+            @if let (Some(first), Some(last)) = (records.first(), records.last()) {
+                p {
+                    "The " (records.len()) " frames of the last " (format!("{:.1}", last.time_s - first.time_s))
+                    " s in which the camera was on, stabilized with the model " code { (journal.names.name) } "."
+                }
+                (facts(records, last, journal))
+            } @else {
+                p { "The service has processed no frames since it started." }
+            }
+        }
+    }
+}
+
+/// The frames in a few numbers; `newest` is the last of them.
+fn facts(records: &[FrameRecord], newest: &FrameRecord, journal: &Journal) -> Markup {
+    let most = records.iter().map(|record| f64::from(record.crop_use)).fold(0.0, f64::max);
+    let least = records.iter().map(|record| f64::from(record.trust)).fold(1.0, f64::min);
+    let count = |wanted: fn(Outcome) -> bool| records.iter().filter(|record| wanted(record.outcome())).count();
+    let [held, passed] = [count(|o| matches!(o, Outcome::Held(_))), count(|o| matches!(o, Outcome::PassedThrough(_)))];
+    let stabilized = count(|o| o == Outcome::Stabilized);
+    html! {
+        dl.facts {
+            (remaining_shake(journal))
+            (fact("crop margin used", &format!("{:.0} %", 100.0 * most), "maximum; 100 % reaches the edge"))
+            (fact("trust", &format!("{:.2}", newest.trust), &format!("newest; minimum {least:.2}")))
+            (fact("frames stabilized", &stabilized.to_string(), &format!("{held} held, {passed} passed through")))
+        }
     }
 }
 
@@ -172,11 +176,19 @@ fn relative(journal: &Journal) -> Vec<f64> {
 }
 
 /// The service in words: only what is named here.
-fn service(html: &mut String, status: &Status, with_names: bool) {
-    html.push_str("<h2>Service</h2>\n<div class=wide><table>\n");
-    let mut row = |name: &str, value: String| {
-        let _ = writeln!(html, "<tr><td>{name}<td>{}</tr>", escaped(&value));
-    };
+fn service(status: &Status, with_names: bool) -> Markup {
+    html! {
+        h2 { "Service" }
+        div.wide {
+            table { @for (name, value) in rows(status, with_names) { tr { td { (name) } td { (value) } } } }
+        }
+    }
+}
+
+/// Its rows: a name, and what is to be said.
+fn rows(status: &Status, with_names: bool) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    let mut row = |name: &'static str, value: String| rows.push((name, value));
     row("version", format!("{}, pixel loops {}", status.version, status.simd));
     let on = if status.enabled { "on" } else { "off" };
     row(
@@ -226,7 +238,7 @@ fn service(html: &mut String, status: &Status, with_names: bool) {
     if !status.restart.is_empty() {
         row("restart required for", status.restart.join(", "));
     }
-    html.push_str("</table></div>\n");
+    rows
 }
 
 fn calibration(found: &Found) -> String {
@@ -243,29 +255,37 @@ fn calibration(found: &Found) -> String {
 }
 
 /// Input and output side by side. Each pair is in the page once: its second half is shown by reference.
-fn pictures(html: &mut String, pictures: &[EncodedPair]) {
-    if pictures.is_empty() {
-        return;
-    }
-    html.push_str("<h2>Pictures</h2>\n<p>Taken one second apart when this page was made.</p>\n");
-    for (index, EncodedPair { size: [width, height], jpeg, .. }) in pictures.iter().enumerate() {
-        let _ = writeln!(
-            html,
-            "<figure><div class=pair><div><svg viewBox=\"0 {height} {width} {height}\" role=img aria-label=before><image id=pair{index} \
-             width={width} height={} href=\"data:image/jpeg;base64,{}\"/></svg><span>before</span></div><div><svg \
-             viewBox=\"0 0 {width} {height}\" role=img aria-label=after><use href=\"#pair{index}\"/></svg><span>after</span></div></div></figure>",
-            2 * height,
-            base64(jpeg)
-        );
+fn pictures(pictures: &[EncodedPair]) -> Markup {
+    html! {
+        @if !pictures.is_empty() {
+            h2 { "Pictures" }
+            p { "Taken one second apart when this page was made." }
+        }
+        @for (index, EncodedPair { size: [width, height], jpeg, .. }) in pictures.iter().enumerate() {
+            @let id = format!("pair{index}");
+            figure {
+                div.pair {
+                    div {
+                        svg viewBox=(format!("0 {height} {width} {height}")) role="img" aria-label="before" {
+                            image id=(id) width=(width) height=(2 * height) href=(jpeg_url(jpeg)) {}
+                        }
+                        span { "before" }
+                    }
+                    div {
+                        svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label="after" { use href=(format!("#{id}")) {} }
+                        span { "after" }
+                    }
+                }
+            }
+        }
     }
 }
 
 /// Latency of each frame.
-fn age(html: &mut String, records: &[FrameRecord], times: &[f64], journal: &Journal) {
+fn age(records: &[FrameRecord], times: &[f64], journal: &Journal) -> Markup {
     // The journal has gaps between the records.
     let mut ages = records.iter().map(|record| f64::from(record.age_ms));
     let values = journal.samples.iter().map(|s| if s.spent_ms.is_nan() { f64::NAN } else { ages.next().unwrap_or(f64::NAN) });
-    html.push_str("<h2>Latency</h2>\n");
     let plot = Plot {
         title: "Age of frames when they were sent".into(),
         note: "since the exposure of the first row, as the driver reports it".into(),
@@ -275,7 +295,7 @@ fn age(html: &mut String, records: &[FrameRecord], times: &[f64], journal: &Jour
         limit: None,
         least: Some((0.0, 1.0)),
     };
-    html.push_str(&plot.figure());
+    html! { h2 { "Latency" } (plot.figure()) }
 }
 
 #[cfg(test)]
@@ -338,7 +358,7 @@ mod tests {
         let page = |with_names| DaemonReport { status: &status, frames: &frames, pictures: &[], with_names }.html();
         let plain = page(false);
         assert!(!plain.contains("SECRET") && !plain.contains("987654"), "{plain}");
-        for words in ["<code>camera.device</code><td>(left out)", "<code>crop.zoom</code><td>1.25", "MJPG", "YUYV", "3 damaged"]
+        for words in ["<code>camera.device</code></td><td>(left out)", "<code>crop.zoom</code></td><td>1.25", "MJPG", "YUYV", "3 damaged"]
         {
             assert!(plain.contains(words), "{words} in {plain}");
         }
@@ -358,7 +378,7 @@ mod tests {
         let page = |pictures: &[EncodedPair]| DaemonReport { status: &status, frames: &[], pictures, with_names: false }.html();
         assert!(!page(&[]).contains("<image") && page(&[]).contains("no pictures"));
         let with = page(&[pair.clone(), pair]);
-        assert_eq!((with.matches("<image id=pair").count(), with.matches("<use ").count()), (2, 2));
+        assert_eq!((with.matches("<image id=\"pair").count(), with.matches("<use ").count()), (2, 2));
         assert!(
             with.matches("base64,AQID").count() == 2
                 && with.contains("but pictures of the camera")

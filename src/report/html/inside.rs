@@ -1,18 +1,22 @@
 //! The motion inside frames: what the rows did while the frame was read, and what is believed of the camera.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
 use super::plot::{Plot, Series};
+use super::svg::{Line, label};
 use super::{Report, Sample};
 use crate::frame::Frame;
 use crate::geometry::{Calibration, RowMotion, RowPoses};
-use crate::stage::shutter::certainty::{self, LIMIT};
+use crate::stage::shutter::certainty::{self, LIMIT, Stated};
 
 /// Frames whose rows are drawn, and how many frames lie between two of them at least.
 const CURVES: usize = 6;
 const APART: u64 = 8;
 /// Uncertainties are drawn from where they are at most so many times those at which a value counts as known.
 const DRAWN: f64 = 3.0;
+/// Width of a frame's box, and height of the figure.
+const SIDE: f64 = 140.0;
+const HEIGHT: f64 = 176.0;
 
 /// How far the rows of a frame are from where the middle row's time would show them, x and y, pixels, in the picture's middle
 /// column: evenly from the first row to the last.
@@ -93,118 +97,125 @@ impl Inside {
     }
 
     /// The kept frames, rows from top to bottom as in the picture.
-    fn figure(&self, html: &mut String, times: &[f64]) {
-        const SIDE: f64 = 140.0;
-        const HEIGHT: f64 = 176.0;
-        let widest = self.curves.iter().flat_map(|curve| curve.rows.iter().chain(&curve.straight)).flatten();
-        let widest = widest.fold(1e-3_f64, |most, px| most.max(px.abs()));
-        let _ = write!(
-            html,
-            "<figure><figcaption><b>Rows of the frames that bend most</b> each box is a frame, top row at the top: how far its rows \
-             moved while it was read, against the middle one. Its edges are {widest:.1} px to the left and right.\
-             <span class=legend><span><i class=before></i>sideways</span><span><i class=after></i>up and down (right is down)</span>\
-             <span><i class=third></i>at one speed, as the paper has it</span></span></figcaption>\
-             <svg viewBox=\"0 0 {} {HEIGHT}\" role=img aria-label=\"rows of single frames\">",
-            SIDE * CURVES as f64
-        );
-        for (at, curve) in self.curves.iter().enumerate() {
-            let left = at as f64 * SIDE;
-            let (x, y) = (
-                |px: f64| left + SIDE / 2.0 + px / widest * (SIDE / 2.0 - 8.0),
-                |i: usize| 8.0 + i as f64 / (RowPoses::SAMPLES - 1) as f64 * (HEIGHT - 36.0),
-            );
-            let _ = write!(html, "<path class=grid d=\"M{0:.1} {1:.1}V{2:.1}\"/>", x(0.0), y(0), y(RowPoses::SAMPLES - 1));
-            let lines = [(&curve.straight, "third"), (&curve.rows, "")];
-            for (rows, class) in lines {
-                for (axis, own) in ["before", "after"].into_iter().enumerate() {
-                    let class = if class.is_empty() { own } else { class };
-                    let _ = write!(html, "<path class=\"line {class}\" d=\"");
-                    for (i, px) in rows.iter().enumerate() {
-                        let _ = write!(html, "{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, x(px[axis]), y(i));
+    fn figure(&self, times: &[f64]) -> Markup {
+        let all = self.curves.iter().flat_map(|curve| curve.rows.iter().chain(&curve.straight)).flatten();
+        let widest = all.fold(1e-3_f64, |most, px| most.max(px.abs()));
+        html! {
+            figure {
+                figcaption {
+                    b { "Rows of the frames that bend most" }
+                    " each box is a frame, top row at the top: how far its rows moved while it was read, against the middle one. Its edges \
+                     are " (format!("{widest:.1}")) " px to the left and right."
+                    span.legend {
+                        span { i.before {} "sideways" }
+                        span { i.after {} "up and down (right is down)" }
+                        span { i.third {} "at one speed, as the paper has it" }
                     }
-                    html.push_str("\"/>");
+                }
+                svg viewBox=(format!("0 0 {} {HEIGHT}", SIDE * CURVES as f64)) role="img" aria-label="rows of single frames" {
+                    @for (at, curve) in self.curves.iter().enumerate() {
+                        (curve.drawn(at as f64 * SIDE, widest))
+                        @let time_s = times.get(curve.index as usize).copied().unwrap_or(0.0);
+                        @let text = format!("{time_s:.2} s, off by {:.2} px", curve.bend);
+                        (label([(at as f64 + 0.5) * SIDE, HEIGHT - 8.0], "x", text))
+                    }
                 }
             }
-            let time = times.get(curve.index as usize).copied().unwrap_or(0.0);
-            let _ = write!(
-                html,
-                "<text x={:.1} y={} class=x>{time:.2} s, off by {:.2} px</text>",
-                left + SIDE / 2.0,
-                HEIGHT - 8.0,
-                curve.bend
-            );
         }
-        html.push_str("</svg></figure>\n");
+    }
+}
+
+impl Curve {
+    /// The rows in a box from `left` on, which is `widest` pixels wide to either side.
+    fn drawn(&self, left: f64, widest: f64) -> Markup {
+        let x = |px: f64| left + SIDE / 2.0 + px / widest * (SIDE / 2.0 - 8.0);
+        let y = |i: usize| 8.0 + i as f64 / (RowPoses::SAMPLES - 1) as f64 * (HEIGHT - 36.0);
+        let line = |rows: &Rows, axis: usize| Line::through((0..rows.len()).map(|i| [x(rows[i][axis]), y(i)]));
+        html! {
+            (Line::through([[x(0.0), y(0)], [x(0.0), y(RowPoses::SAMPLES - 1)]]).drawn("grid"))
+            @for axis in 0..2 { (line(&self.straight, axis).drawn("line third")) }
+            (line(&self.rows, 0).drawn("line before"))
+            (line(&self.rows, 1).drawn("line after"))
+        }
     }
 }
 
 /// The section of the page.
-pub(super) fn html(html: &mut String, report: &Report, times: &[f64]) {
-    html.push_str(
-        "<h2>Motion inside frames</h2>\n<p>A frame's rows are exposed one after the other, while the camera moves on. How far the \
-         picture moved from the first row to the last is how much a frame was slanted (sideways) or stretched (up and down).</p>\n",
-    );
-    let line = |label: &str, class: &'static str, of: &dyn Fn(&Sample) -> f64| Series {
-        label: label.into(),
-        class,
-        values: report.journal.samples.iter().map(of).collect(),
-    };
-    let plot = |title: &str, note: String, unit, series, least| Plot {
-        title: title.into(),
-        note,
-        unit,
-        times,
-        series,
-        limit: None,
-        least,
-    };
-    let sheared = vec![line("sideways", "before", &|s| s.sheared[0]), line("up and down", "after", &|s| s.sheared[1])];
-    let note = "motion of the picture while a frame was read, last row against first".to_owned();
-    html.push_str(&plot("Last row against first", note, "px", sheared, Some((-0.1, 0.1))).figure());
-    if !report.inside.curves.is_empty() {
-        report.inside.figure(html, times);
-    }
+pub(super) fn html(report: &Report, times: &[f64]) -> Markup {
+    let plots = Plots { samples: &report.journal.samples, times };
+    let sheared = vec![
+        plots.line("sideways", "before", |s| s.sheared[0]),
+        plots.line("up and down", "after", |s| s.sheared[1]),
+    ];
+    let note = "motion of the picture while a frame was read, last row against first";
     let is_estimated = |Calibration { readout_s, hfov_deg, lens_k1 }: Calibration| {
         [readout_s, hfov_deg, lens_k1].iter().any(|estimate| !estimate.is_exact())
     };
-    if !report.journal.samples.iter().any(|s| s.calibration.is_some_and(is_estimated)) {
-        return;
+    html! {
+        h2 { "Motion inside frames" }
+        p {
+            "A frame's rows are exposed one after the other, while the camera moves on. How far the picture moved from the first row to the \
+             last is how much a frame was slanted (sideways) or stretched (up and down)."
+        }
+        (plots.figure("Last row against first", note, "px", sheared, Some((-0.1, 0.1))))
+        @if !report.inside.curves.is_empty() { (report.inside.figure(times)) }
+        @if report.journal.samples.iter().any(|s| s.calibration.is_some_and(is_estimated)) { (plots.calibration()) }
     }
-    html.push_str(
-        "<h2>Calibration</h2>\n<p>Readout time, field of view and lens distortion, as estimated from the motion. The outer lines \
-         are two standard deviations apart from the estimate; they are drawn once they are close enough to be useful.</p>\n",
-    );
-    let readout = |part: f64| {
-        move |s: &Sample| band(s, |camera| certainty::readout(camera, s.interval_s), LIMIT.0 * s.interval_s, 1e3, part)
-    };
-    let hfov = |part: f64| move |s: &Sample| band(s, certainty::hfov, LIMIT.1, 1.0, part);
-    let lens = |part: f64| move |s: &Sample| band(s, certainty::lens, LIMIT.2, 1.0, part);
-    let known = |of: fn(&Calibration) -> f64| move |s: &Sample| s.calibration.as_ref().map_or(f64::NAN, of);
-    let series = vec![
-        line("interval", "third", &readout(-1.0)),
-        line("", "third", &readout(1.0)),
-        line("readout time", "after", &known(|c| 1e3 * c.readout_s.value)),
-    ];
-    html.push_str(&plot("Readout time", "negative: bottom to top".into(), "ms", series, None).figure());
-    let series = vec![
-        line("interval", "third", &hfov(-1.0)),
-        line("", "third", &hfov(1.0)),
-        line("field of view", "after", &known(|c| c.hfov_deg.value)),
-    ];
-    html.push_str(&plot("Field of view", "horizontal".into(), "deg", series, None).figure());
-    let series = vec![
-        line("interval", "third", &lens(-1.0)),
-        line("", "third", &lens(1.0)),
-        line("k1", "after", &known(|c| c.lens_k1.value)),
-    ];
-    html.push_str(&plot("Lens distortion", "k1; negative: barrel".into(), "", series, None).figure());
 }
 
-/// An edge of an estimate's interval, where that is narrow enough.
-fn band(sample: &Sample, of: impl Fn(&Calibration) -> certainty::Stated, limit: f64, scale: f64, part: f64) -> f64 {
-    let stated = sample.calibration.as_ref().filter(|_| sample.interval_s > 0.0).map(of);
-    let useful = stated.filter(|stated| stated.uncertainty <= DRAWN * limit);
-    useful.map_or(f64::NAN, |stated| scale * (stated.value + part * stated.uncertainty))
+/// Plots over the frames of a run.
+#[derive(Clone, Copy)]
+struct Plots<'a> {
+    samples: &'a [Sample],
+    times: &'a [f64],
+}
+
+impl Plots<'_> {
+    fn line(&self, label: &str, class: &'static str, of: impl Fn(&Sample) -> f64) -> Series {
+        Series { label: label.into(), class, values: self.samples.iter().map(of).collect() }
+    }
+
+    fn figure(&self, title: &str, note: &str, unit: &str, series: Vec<Series>, least: Option<(f64, f64)>) -> Markup {
+        Plot { title: title.into(), note: note.into(), unit, times: self.times, series, limit: None, least }.figure()
+    }
+
+    /// What is believed of the camera, over time.
+    fn calibration(&self) -> Markup {
+        let readout = |camera: &Calibration, s: &Sample| certainty::readout(camera, s.interval_s);
+        let readout = self.estimate("readout time", readout, |s| LIMIT.0 * s.interval_s, 1e3);
+        let hfov = self.estimate("field of view", |camera, _| certainty::hfov(camera), |_| LIMIT.1, 1.0);
+        let lens = self.estimate("k1", |camera, _| certainty::lens(camera), |_| LIMIT.2, 1.0);
+        html! {
+            h2 { "Calibration" }
+            p {
+                "Readout time, field of view and lens distortion, as estimated from the motion. The outer lines are two standard deviations \
+                 apart from the estimate; they are drawn once they are close enough to be useful."
+            }
+            (self.figure("Readout time", "negative: bottom to top", "ms", readout, None))
+            (self.figure("Field of view", "horizontal", "deg", hfov, None))
+            (self.figure("Lens distortion", "k1; negative: barrel", "", lens, None))
+        }
+    }
+
+    /// An estimate between the edges of its interval, times `scale`; the edges only where it is not wider than some times `limit`.
+    fn estimate(
+        &self,
+        name: &str,
+        of: impl Fn(&Calibration, &Sample) -> Stated,
+        limit: impl Fn(&Sample) -> f64,
+        scale: f64,
+    ) -> Vec<Series> {
+        let stated = |s: &Sample| s.calibration.as_ref().map(|camera| of(camera, s));
+        let edge = |part: f64, s: &Sample| {
+            let useful = |stated: &Stated| s.interval_s > 0.0 && stated.uncertainty <= DRAWN * limit(s);
+            stated(s).filter(useful).map_or(f64::NAN, |stated| scale * (stated.value + part * stated.uncertainty))
+        };
+        vec![
+            self.line("interval", "third", |s| edge(-1.0, s)),
+            self.line("", "third", |s| edge(1.0, s)),
+            self.line(name, "after", |s| stated(s).map_or(f64::NAN, |stated| scale * stated.value)),
+        ]
+    }
 }
 
 #[cfg(test)]
@@ -247,8 +258,7 @@ mod tests {
         let kept: Vec<u64> = inside.curves.iter().map(|curve| curve.index).collect();
         assert_eq!(kept, [83, 103, 123, 143, 163, 183]);
         assert!((inside.curves[0].bend - 100.0 * 0.083 * 0.25).abs() < 1e-9, "{}", inside.curves[0].bend);
-        let mut html = String::new();
-        inside.figure(&mut html, &[0.0; 200]);
+        let html = inside.figure(&[0.0; 200]).0;
         assert!(html.matches("<path class=\"line").count() == 24 && !html.contains("NaN"), "{html}");
     }
 }

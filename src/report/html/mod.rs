@@ -10,6 +10,7 @@ mod picture;
 mod plot;
 mod sections;
 mod stills;
+mod svg;
 
 use super::Stats;
 use super::names::MotionNames;

@@ -1,8 +1,8 @@
 //! The page of a run: what is shown, in which order, with which words.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
-use super::sections::{begin, cost, end, fact, motion, path, remaining_shake, settings, trust};
+use super::sections::{FRAME_BYTES, cost, fact, motion, page, path, remaining_shake, settings, trust};
 use super::{MAX_BYTES, Report, inside};
 use crate::pipeline::{Params, Totals};
 use crate::report::Stats;
@@ -36,53 +36,49 @@ fn latency(report: &Report) -> String {
 
 /// The whole page.
 pub(super) fn html(report: &Report, totals: &Totals, stats: &Stats) -> String {
-    let start = report.journal.samples.first().map_or(0, |sample| sample.time_ns);
-    let times: Vec<f64> =
-        report.journal.samples.iter().map(|sample| sample.time_ns.saturating_sub(start) as f64 / 1e9).collect();
-    let title = format!("gimbald: {}", report.input);
-    let mut html = begin(&title);
-    head(&mut html, report, totals, stats, &times);
-    html.push_str("<h2>Before and after</h2>\n");
-    let player_at = html.len();
+    let journal = &report.journal;
+    let start = journal.samples.first().map_or(0, |sample| sample.time_ns);
+    let times: Vec<f64> = journal.samples.iter().map(|sample| sample.time_ns.saturating_sub(start) as f64 / 1e9).collect();
     let time_of = |index| times.get(index as usize).copied().unwrap_or(0.0);
-    html.push_str(&report.stills.html(time_of));
-    motion(&mut html, &report.journal, &times);
-    inside::html(&mut html, report, &times);
-    path(&mut html, &report.journal, &times);
-    trust(&mut html, &report.journal, &times);
-    cost(&mut html, &report.journal, stats, &times);
-    settings(&mut html, &report.settings, |_| true);
-    end(&mut html);
-    html.insert_str(player_at, &report.clip.html(MAX_BYTES.saturating_sub(html.len() + PLAYER_BYTES), time_of));
-    html
+    let above = html! {
+        (head(report, totals, stats, &times))
+        h2 { "Before and after" }
+    };
+    let below = html! {
+        (report.stills.html(time_of))
+        (motion(journal, &times))
+        (inside::html(report, &times))
+        (path(journal, &times))
+        (trust(journal, &times))
+        (cost(journal, stats, &times))
+        (settings(&report.settings, |_| true))
+    };
+    let taken = above.0.len() + below.0.len() + FRAME_BYTES + PLAYER_BYTES;
+    let player = report.clip.html(MAX_BYTES.saturating_sub(taken), time_of);
+    page(&format!("gimbald: {}", report.input), &html! { (above) (player) (below) })
 }
 
 /// The run in a few numbers.
-fn head(html: &mut String, report: &Report, totals: &Totals, stats: &Stats, times: &[f64]) {
+fn head(report: &Report, totals: &Totals, stats: &Stats, times: &[f64]) -> Markup {
     let format = &report.format;
-    let _ = writeln!(
-        html,
-        "<p>{} frames of {}x{} ({}) in {:.2} s of video, stabilized with the model <code>{}</code> for {}, by gimbald {}. {}.</p>\n<dl class=facts>",
-        totals.frames_out,
-        format.width,
-        format.height,
-        format.pixel,
-        times.last().copied().unwrap_or(0.0),
-        report.journal.names.name,
-        readout(report),
-        env!("CARGO_PKG_VERSION"),
-        latency(report),
-    );
-    remaining_shake(html, &report.journal);
-    let mut fact = |name: &str, value: String, note: String| fact(html, name, &value, &note);
-    let most =
-        report.journal.samples.iter().map(|sample| sample.crop_use).filter(|share| share.is_finite()).fold(0.0, f64::max);
-    fact("crop margin used", format!("{:.0} %", 100.0 * most), "maximum; 100 % reaches the edge".into());
+    let length_s = times.last().copied().unwrap_or(0.0);
+    let used = report.journal.samples.iter().map(|sample| sample.crop_use).filter(|share| share.is_finite());
+    let most = used.fold(0.0, f64::max);
     let rest = format!("{} held, {} passed through", totals.held, totals.passed_through);
-    fact("frames stabilized", totals.stabilized.to_string(), rest);
     let total = stats.total();
-    fact("processing time per frame", format!("{:.2} ms", total.median_ms), format!("median; p99 {:.2} ms", total.p99_ms));
-    html.push_str(
-        "</dl>\n<p>The remaining shake is measured by the model itself; motion that it does not model is not included.</p>\n",
-    );
+    let p99 = format!("median; p99 {:.2} ms", total.p99_ms);
+    html! {
+        p {
+            (totals.frames_out) " frames of " (format.width) "x" (format.height) " (" (format.pixel.to_string()) ") in "
+            (format!("{length_s:.2}")) " s of video, stabilized with the model " code { (report.journal.names.name) } " for "
+            (readout(report)) ", by gimbald " (env!("CARGO_PKG_VERSION")) ". " (latency(report)) "."
+        }
+        dl.facts {
+            (remaining_shake(&report.journal))
+            (fact("crop margin used", &format!("{:.0} %", 100.0 * most), "maximum; 100 % reaches the edge"))
+            (fact("frames stabilized", &totals.stabilized.to_string(), &rest))
+            (fact("processing time per frame", &format!("{:.2} ms", total.median_ms), &p99))
+        }
+        p { "The remaining shake is measured by the model itself; motion that it does not model is not included." }
+    }
 }

@@ -2,6 +2,7 @@
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use maud::{Markup, html};
 
 use crate::image::{BLACK, PictureRef, PlaneRef, rgb};
 
@@ -35,25 +36,32 @@ impl Rgb {
     }
 
     /// The picture as an `<img>` with the data inside; nothing where it has no pixels.
-    pub(super) fn img(&self, alt: &str) -> String {
+    pub(super) fn img(&self, alt: &str) -> Markup {
         img(&self.samples, self.width, self.height, ExtendedColorType::Rgb8, alt)
     }
 }
 
 /// A luma plane as an `<img>`.
-pub(super) fn grey_img(plane: PlaneRef<'_>, alt: &str) -> String {
+pub(super) fn grey_img(plane: PlaneRef<'_>, alt: &str) -> Markup {
     let samples: Vec<u8> = (0..plane.height()).flat_map(|y| plane.row(y).iter().copied()).collect();
     img(&samples, plane.width(), plane.height(), ExtendedColorType::L8, alt)
 }
 
-fn img(samples: &[u8], width: usize, height: usize, colour: ExtendedColorType, alt: &str) -> String {
+fn img(samples: &[u8], width: usize, height: usize, colour: ExtendedColorType, alt: &str) -> Markup {
     let mut jpeg = Vec::new();
     let size = (u32::try_from(width).unwrap_or(0), u32::try_from(height).unwrap_or(0));
     let encoded = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).write_image(samples, size.0, size.1, colour);
-    match encoded {
-        Ok(()) => format!("<img width={width} height={height} alt=\"{alt}\" src=\"data:image/jpeg;base64,{}\">", base64(&jpeg)),
-        Err(error) => format!("<p>(no picture: {error})</p>"),
+    html! {
+        @match encoded {
+            Ok(()) => { img width=(width) height=(height) alt=(alt) src=(jpeg_url(&jpeg)); }
+            Err(error) => { p { "(no picture: " (error) ")" } }
+        }
     }
+}
+
+/// A JPEG picture as a URL that contains it.
+pub(super) fn jpeg_url(jpeg: &[u8]) -> String {
+    format!("data:image/jpeg;base64,{}", base64(jpeg))
 }
 
 /// Bytes as RFC 4648 text.

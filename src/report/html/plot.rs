@@ -1,11 +1,13 @@
 //! Line plots over time as inline SVG, coloured by the page's style sheet.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
+
+use super::svg::{Line, TIME_AXIS, label};
 
 const WIDTH: f64 = 860.0;
 const HEIGHT: f64 = 190.0;
-const LEFT: f64 = 62.0;
-const RIGHT: f64 = 12.0;
+const LEFT: f64 = TIME_AXIS.0;
+const RIGHT: f64 = WIDTH - LEFT - TIME_AXIS.1;
 const TOP: f64 = 8.0;
 const BOTTOM: f64 = 26.0;
 /// A time's label nearer than this to the right edge would be drawn over the unit, and is written with it.
@@ -45,63 +47,50 @@ pub(super) struct Plot<'a> {
 
 impl Plot<'_> {
     /// The plot as an HTML figure.
-    pub(super) fn figure(&self) -> String {
-        let mut html = format!("<figure><figcaption><b>{}</b> {}", escaped(&self.title), escaped(&self.note));
-        html.push_str("<span class=legend>");
-        for series in self.series.iter().filter(|series| !series.label.is_empty()) {
-            let _ = write!(html, "<span><i class=\"{}\"></i>{}</span>", series.class, escaped(&series.label));
+    pub(super) fn figure(&self) -> Markup {
+        html! {
+            figure {
+                figcaption {
+                    b { (self.title) } " " (self.note)
+                    span.legend {
+                        @for series in self.series.iter().filter(|series| !series.label.is_empty()) {
+                            span { i class=(series.class) {} (series.label) }
+                        }
+                    }
+                }
+                (self.svg())
+            }
         }
-        html.push_str("</span></figcaption>");
-        self.svg(&mut html);
-        html.push_str("</figure>\n");
-        html
     }
 
-    fn svg(&self, html: &mut String) {
+    fn svg(&self) -> Markup {
         let (low, high) = self.range();
         let (start, end) = (self.times.first().copied().unwrap_or(0.0), self.times.last().copied().unwrap_or(0.0));
         let end = if end > start { end } else { start + 1.0 };
         let x = |time: f64| LEFT + (time - start) / (end - start) * (WIDTH - LEFT - RIGHT);
         let y = |value: f64| TOP + (high - value) / (high - low) * (HEIGHT - TOP - BOTTOM);
+        let across = |value: f64| Line::through([[LEFT, y(value)], [WIDTH - RIGHT, y(value)]]);
         // What the script needs to read values off the lines.
-        let _ = write!(
-            html,
-            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=img aria-label=\"{}\" data-time=\"{start:.4} {end:.4} {LEFT} {}\" \
-             data-value=\"{low:.9} {high:.9} {TOP} {}\">",
-            escaped(&self.title),
-            WIDTH - RIGHT,
-            HEIGHT - BOTTOM,
-        );
-        for (tick, label) in ticks(low, high, 5) {
-            let _ = write!(html, "<path class=grid d=\"M{LEFT} {0:.1}H{1}\"/>", y(tick), WIDTH - RIGHT);
-            let _ = write!(html, "<text x={:.1} y={:.1} class=y>{label}</text>", LEFT - 6.0, y(tick) + 4.0);
-        }
-        let mut unit = "s".to_owned();
-        for (tick, label) in ticks(start, end, 10) {
-            if x(tick) > WIDTH - UNIT {
-                unit = format!("{label} s");
-            } else {
-                let _ = write!(html, "<text x={:.1} y={} class=x>{label}</text>", x(tick), HEIGHT - 8.0);
+        let time_axis = format!("{start:.4} {end:.4} {LEFT} {}", WIDTH - RIGHT);
+        let value_axis = format!("{low:.9} {high:.9} {TOP} {}", HEIGHT - BOTTOM);
+        let size = format!("0 0 {WIDTH} {HEIGHT}");
+        html! {
+            svg viewBox=(size) role="img" aria-label=(self.title) data-time=(time_axis) data-value=(value_axis) {
+                @for (tick, text) in ticks(low, high, 5) {
+                    (across(tick).drawn("grid"))
+                    (label([LEFT - 6.0, y(tick) + 4.0], "y", text))
+                }
+                (time_labels(start, end, x))
+                @if !self.unit.is_empty() { (label([4.0, TOP + 10.0], "unit", self.unit)) }
+                @if let Some((level, name)) = self.limit {
+                    (across(level).drawn("limit"))
+                    (label([WIDTH - RIGHT - 4.0, y(level) - 4.0], "unit end", name))
+                }
+                @for Series { label, class, values } in &self.series {
+                    path class={ "line " (class) } data-name=(label) d=(path(self.times, values, x, y).data()) {}
+                }
             }
         }
-        if !self.unit.is_empty() {
-            let _ = write!(html, "<text x=4 y={} class=unit>{}</text>", TOP + 10.0, escaped(self.unit));
-        }
-        let _ = write!(html, "<text x={} y={} class=\"unit end\">{unit}</text>", WIDTH - 2.0, HEIGHT - 8.0);
-        if let Some((level, name)) = self.limit {
-            let _ = write!(html, "<path class=limit d=\"M{LEFT} {0:.1}H{1}\"/>", y(level), WIDTH - RIGHT);
-            let _ = write!(html, "<text x={} y={:.1} class=\"unit end\">{name}</text>", WIDTH - RIGHT - 4.0, y(level) - 4.0);
-        }
-        for series in &self.series {
-            let _ = write!(
-                html,
-                "<path class=\"line {}\" data-name=\"{}\" d=\"{}\"/>",
-                series.class,
-                escaped(&series.label),
-                path(self.times, &series.values, x, y)
-            );
-        }
-        html.push_str("</svg>");
     }
 
     /// Lowest and highest value that the axis shows; never equal.
@@ -118,26 +107,34 @@ impl Plot<'_> {
     }
 }
 
-/// A line's path data. Very long lines go from the lowest to the highest value of each step.
-fn path(times: &[f64], values: &[f64], x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> String {
+/// The labels of the time axis, and its unit.
+fn time_labels(start: f64, end: f64, x: impl Fn(f64) -> f64) -> Markup {
+    let at = HEIGHT - 8.0;
+    let (near, labels): (Vec<_>, Vec<_>) = ticks(start, end, 10).into_iter().partition(|(tick, _)| x(*tick) > WIDTH - UNIT);
+    let unit = near.last().map_or("s".to_owned(), |(_, label)| format!("{label} s"));
+    html! {
+        @for (tick, text) in labels { (label([x(tick), at], "x", text)) }
+        (label([WIDTH - 2.0, at], "unit end", unit))
+    }
+}
+
+/// A line of values. Very long ones go from the lowest to the highest value of each step.
+fn path(times: &[f64], values: &[f64], x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> Line {
     let step = values.len().div_ceil(FINEST).max(1);
-    let mut data = String::new();
-    let mut pen_down = false;
+    let mut line = Line::default();
     for (times, values) in times.chunks(step).zip(values.chunks(step)) {
         let known = values.iter().copied().filter(|value| value.is_finite());
         let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         if low > high {
-            pen_down = false;
+            line.gap();
             continue;
         }
-        let command = if pen_down { 'L' } else { 'M' };
-        let _ = write!(data, "{command}{:.1} {:.1}", x(times[0]), y(low));
+        line.to([x(times[0]), y(low)]);
         if high > low {
-            let _ = write!(data, "V{:.1}", y(high));
+            line.vertical_to(y(high));
         }
-        pen_down = true;
     }
-    data
+    line
 }
 
 /// About `count` round values between `low` and `high`, each with its label.
@@ -156,11 +153,6 @@ fn ticks(low: f64, high: f64, count: usize) -> Vec<(f64, String)> {
         // "-0" is what rounding makes of a tick just below 0
         .map(|tick| (tick, format!("{:.digits$}", if tick.abs() < step / 2.0 { 0.0 } else { tick })))
         .collect()
-}
-
-/// `text` as HTML.
-pub(super) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -183,7 +175,7 @@ mod tests {
 
     #[test]
     fn the_last_time_and_the_unit_do_not_overlap() {
-        let (before, until) = (plot(&[-2.0, 0.0], vec![1.0, 2.0]).figure(), plot(&[0.0, 1.97], vec![1.0, 2.0]).figure());
+        let (before, until) = (plot(&[-2.0, 0.0], vec![1.0, 2.0]).figure().0, plot(&[0.0, 1.97], vec![1.0, 2.0]).figure().0);
         assert!(before.contains(">0.0 s</text>") && !before.contains(">0.0</text>"), "{before}");
         assert!(until.contains(">s</text>") && until.contains(">1.8</text>"), "{until}");
     }
@@ -192,18 +184,19 @@ mod tests {
     fn gaps_lift_the_pen_and_peaks_of_long_lines_stay() {
         let times: Vec<f64> = (0..5).map(f64::from).collect();
         let line = path(&times, &[0.0, 1.0, f64::NAN, 3.0, 4.0], |x| x, |y| y);
-        assert_eq!(line, "M0.0 0.0L1.0 1.0M3.0 3.0L4.0 4.0");
+        assert_eq!(line.data(), "M0.0 0.0L1.0 1.0M3.0 3.0L4.0 4.0");
         let times: Vec<f64> = (0..50_000).map(f64::from).collect();
         let mut values = vec![0.0; 50_000];
         values[33_333] = 99.0;
         let line = path(&times, &values, |x| x, |y| y);
-        assert!(line.contains("V99.0") && line.len() < 60_000, "{}", line.len());
+        let data = line.data();
+        assert!(data.contains("V99.0") && data.len() < 60_000, "{}", data.len());
     }
 
     #[test]
     fn nothing_finite_and_nothing_at_all_are_drawn_as_empty_axes() {
         for (times, values) in [(vec![], vec![]), (vec![0.0], vec![f64::NAN]), (vec![0.0, 0.0], vec![7.0, 7.0])] {
-            let figure = plot(&times, values).figure();
+            let figure = plot(&times, values).figure().0;
             assert!(figure.contains("a&lt;b") && !figure.contains("NaN") && !figure.contains("inf"), "{figure}");
         }
     }

@@ -1,6 +1,8 @@
 //! Pictures that show steadiness without moving: frames before and after, a line of pixels over time, many frames laid over
 //! each other.
 
+use maud::{Markup, html};
+
 use super::picture::{Rgb, grey_img};
 use crate::frame::Frame;
 use crate::image::{Picture, PictureRef, Plane, PlaneRef, Sampling};
@@ -119,44 +121,46 @@ impl Stills {
     }
 
     /// The pictures as HTML. `time_of` gives the time of a frame in seconds.
-    pub(super) fn html(&self, time_of: impl Fn(u64) -> f64) -> String {
-        let mut html = String::new();
-        if let Some(laid) = &self.best {
-            let note = format!(
-                "{LAID} consecutive frames laid over each other, from {:.2} s on, where the camera shook most. Parts that do not move are sharp.",
-                time_of(laid.first)
-            );
-            html.push_str(&pair_html("Frames laid over each other", &note, "pair", self.images(&laid.means())));
-        }
-        if self.lined > 1 {
-            let slice = |plane: &Plane, alt| {
-                // Tall ones are reduced: only their height is shown smaller.
-                let down = plane.height().div_ceil(WIDEST);
-                let mut small: Plane = Plane::new(self.lined, plane.height() / down);
-                if let Some(part) = PlaneRef::new(plane.samples(), self.lined, plane.height(), plane.width()) {
-                    let rows = 0..small.height();
-                    boxes(part, (1, down), &mut small.as_mut(), rows);
-                }
-                grey_img(small.as_ref(), alt)
-            };
-            let note =
-                "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
-            let images = [slice(&self.columns[0], "before"), slice(&self.columns[1], "after")];
-            html.push_str(&pair_html("Up and down over time", note, "pair slice", images));
-            let note = "The middle row of each frame, rotated: time runs to the right, the left of the picture is at the top.";
-            let images = [slice(&self.rows[0], "before"), slice(&self.rows[1], "after")];
-            html.push_str(&pair_html("Left and right over time", note, "pair slice", images));
-        }
-        for i in 0..SHOWN.min(self.pairs.len()) {
+    pub(super) fn html(&self, time_of: impl Fn(u64) -> f64) -> Markup {
+        let shown = SHOWN.min(self.pairs.len());
+        html! {
+            @if let Some(laid) = &self.best {
+                @let note = format!(
+                    "{LAID} consecutive frames laid over each other, from {:.2} s on, where the camera shook most. Parts that do not move are sharp.",
+                    time_of(laid.first)
+                );
+                (pair_html("Frames laid over each other", &note, "pair", self.images(&laid.means())))
+            }
+            @if self.lined > 1 { (self.slices()) }
             // Spread over the run, away from its ends.
-            let (index, pictures) = &self.pairs[(2 * i + 1) * self.pairs.len() / (2 * SHOWN.min(self.pairs.len()))];
-            let (title, note) = (format!("Frame {index}"), format!("at {:.2} s", time_of(*index)));
-            html.push_str(&pair_html(&title, &note, "pair", self.images(pictures)));
+            @for (index, pictures) in (0..shown).map(|i| &self.pairs[(2 * i + 1) * self.pairs.len() / (2 * shown)]) {
+                (pair_html(&format!("Frame {index}"), &format!("at {:.2} s", time_of(*index)), "pair", self.images(pictures)))
+            }
         }
-        html
     }
 
-    fn images(&self, pictures: &Pair<Picture>) -> Pair<String> {
+    /// The middle lines over time.
+    fn slices(&self) -> Markup {
+        let slice = |plane: &Plane, alt| {
+            // Tall ones are reduced: only their height is shown smaller.
+            let down = plane.height().div_ceil(WIDEST);
+            let mut small: Plane = Plane::new(self.lined, plane.height() / down);
+            if let Some(part) = PlaneRef::new(plane.samples(), self.lined, plane.height(), plane.width()) {
+                let rows = 0..small.height();
+                boxes(part, (1, down), &mut small.as_mut(), rows);
+            }
+            grey_img(small.as_ref(), alt)
+        };
+        let pair = |[before, after]: &Pair<Plane>| [slice(before, "before"), slice(after, "after")];
+        let columns = "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
+        let rows = "The middle row of each frame, rotated: time runs to the right, the left of the picture is at the top.";
+        html! {
+            (pair_html("Up and down over time", columns, "pair slice", pair(&self.columns)))
+            (pair_html("Left and right over time", rows, "pair slice", pair(&self.rows)))
+        }
+    }
+
+    fn images(&self, pictures: &Pair<Picture>) -> Pair<Markup> {
         [0, 1].map(|i| Rgb::of(reduced(pictures[i].as_ref(), WIDEST).as_ref()).img(["before", "after"][i]))
     }
 }
@@ -205,11 +209,17 @@ fn copied(from: PictureRef<'_>) -> Picture {
     picture
 }
 
-fn pair_html(title: &str, note: &str, class: &str, [before, after]: Pair<String>) -> String {
-    format!(
-        "<figure><figcaption><b>{title}</b> {note}</figcaption><div class=\"{class}\"><div>{before}<span>before</span></div>\
-         <div>{after}<span>after</span></div></div></figure>\n"
-    )
+/// Two pictures beside each other; `class` is the style sheet's.
+fn pair_html(title: &str, note: &str, class: &str, [before, after]: Pair<Markup>) -> Markup {
+    html! {
+        figure {
+            figcaption { b { (title) } " " (note) }
+            div class=(class) {
+                div { (before) span { "before" } }
+                div { (after) span { "after" } }
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -246,7 +256,7 @@ mod tests {
     #[test]
     fn short_and_empty_runs_have_a_page_too() {
         for frames in [0, 1, 2, 14] {
-            let html = run(frames).html(|index| index as f64);
+            let html = run(frames).html(|index| index as f64).0;
             assert_eq!(html.contains("<b>Frame "), frames > 0, "{frames}");
         }
     }
