@@ -38,7 +38,7 @@
 //! - **Readout time**: the time in which all H rows of a frame are read. Row y (0 to H) is exposed `readout · y / H` after the top row;
 //!   negative where the sensor is read from bottom to top. 0 is a global shutter.
 //! - **Reference time** of a frame: the moment for which its pose is given. The middle row's exposure in [`stage::shutter::continuous`],
-//!   the first row's in [`stage::shutter::cho2007`], which follows its paper in this.
+//!   the first row's in [`stage::paper`], which follows its paper in this.
 //! - **Interval**: the time between the time stamps of two frames, after [`stage::timing`] has judged them; the only place that does.
 //!
 //! # Threads of the service

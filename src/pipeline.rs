@@ -17,9 +17,10 @@ use crate::geometry::{Calibration, Pose};
 use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::clock;
+use crate::stage::paper::homography;
 use crate::stage::shutter::{Motion, Pair, Shutter};
 use crate::stage::timing::{self, Timing};
-use crate::stage::{crop, detect, fit, presence, pyramid, smooth, track, trust, warp};
+use crate::stage::{crop, detect, presence, pyramid, repeat, smooth, track, trust, warp};
 
 pub use decode::{Decoder, Reason, Reasons, Unusable};
 use inline::Capture;
@@ -62,7 +63,7 @@ pub struct Stabilizer {
     detector: detect::Detector,
     tracker: track::Tracker,
     features: Vec<track::Feature>,
-    fitter: fit::Fitter,
+    fitter: homography::Fitter,
     shutter: Shutter,
     smoother: smooth::Smoother,
     trust: trust::Trust,
@@ -141,7 +142,7 @@ impl Stabilizer {
             detector: detect::Detector::with_level(params.detect, level),
             tracker: track::Tracker::new(params.track, level),
             features: Vec::with_capacity(2 * params.detect.points as usize),
-            fitter: fit::Fitter::new(params.fit),
+            fitter: homography::Fitter::new(params.fit),
             shutter: Shutter::new(&params.shutter, params.camera.optics(), params.fit.seed, level),
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
@@ -254,7 +255,7 @@ impl Stabilizer {
         timed(frame, Stage::Track, |frame| self.tracker.follow(before, frame, &mut self.features));
         timed(frame, Stage::Fit, |frame| {
             let FrameContext { tracks, fit, repeat, .. } = &mut frame.context;
-            *repeat = fit::is_repeat(tracks, &before.context.tracks);
+            *repeat = repeat::is_repeat(tracks, &before.context.tracks);
             if *repeat || self.shutter.asks_homography() {
                 *fit = self.fitter.fit(tracks);
             }

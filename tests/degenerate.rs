@@ -81,7 +81,7 @@ fn run(name: &str, params: &Params, shots: &[Shot]) -> (Vec<Seen>, Totals) {
         assert_eq!(seen.stamp, shot.stamp, "{what}: frame {n}");
         assert_ne!(seen.outcome, Outcome::Pending, "{what}: frame {n}");
         let rows = match seen.rows {
-            RowMotion::Uniform { motion, rows } => [motion.a, motion.c, motion.d, rows].iter().sum::<f64>(),
+            RowMotion::Uniform { motion, rows } => motion.0.sum() + rows,
             RowMotion::Poses { rows, .. } => rows.samples.as_flattened().iter().sum(),
         };
         let numbers = [rows, seen.trust, seen.fit.confidence, seen.interval_s, seen.fit.homography.0.sum()];

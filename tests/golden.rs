@@ -18,7 +18,7 @@ use gimbald::image::PictureRef;
 use gimbald::kernel::Level;
 use gimbald::pipeline::{Observer, Params, run_at_level};
 use gimbald::rt::stop::Stop;
-use gimbald::stage::fit::{self, Form};
+use gimbald::stage::paper::homography::{self, Form};
 use gimbald::stage::shutter::{self, Model, Parameters};
 use std::fmt::Write as _;
 use std::fs;
@@ -38,7 +38,7 @@ fn in_crate(path: &str) -> PathBuf {
 fn models() -> [(&'static str, Params); 4] {
     let with = |model, parameters, form| Params {
         shutter: shutter::Params { model, parameters },
-        fit: fit::Params { form, ..fit::Params::default() },
+        fit: homography::Params { form, ..homography::Params::default() },
         ..Params::default()
     };
     [

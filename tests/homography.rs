@@ -4,9 +4,9 @@ mod common;
 
 use common::{Random, quantile};
 use gimbald::frame::{Fit, Track};
-use gimbald::geometry::{Homography, Zoom};
-use gimbald::stage::fit::{Fitter, Form, Params};
-use gimbald::stage::shutter::cho2007;
+use gimbald::geometry::Homography;
+use gimbald::stage::paper::homography::{Fitter, Form, Params};
+use gimbald::stage::paper::{Zoom, compose};
 use nalgebra::Matrix3;
 
 const SIZE: [f64; 2] = [640.0, 480.0];
@@ -41,7 +41,7 @@ fn apart(a: &Homography, b: &Homography) -> f64 {
 /// Homographies of the form of eq. (10), from random motions of two frames.
 fn constrained(random: &mut Random) -> Homography {
     let mut motion = || Zoom { a: 1.0 + 0.02 * random.even(), c: 15.0 * random.even(), d: 15.0 * random.even() };
-    cho2007::compose(motion(), motion(), SIZE[1] / 0.85).unwrap()
+    compose(motion(), motion(), SIZE[1] / 0.85).unwrap()
 }
 
 /// Any homography of a hand-held camera: a turn with roll, a little perspective and shear.

@@ -8,6 +8,7 @@ use gimbald::device::synthetic::{self, Motion, Synthetic};
 use gimbald::geometry::RowMotion;
 use gimbald::pipeline::{Camera, Params, run_inline};
 use gimbald::rt::stop::Stop;
+use gimbald::stage::paper::Zoom;
 use gimbald::stage::shutter::{self, Model, Parameters, Prior};
 
 const SIZE: [u32; 2] = [320, 240];
@@ -72,6 +73,7 @@ impl Run {
 /// What a frame's decomposed motion says of the same: pixels in the time of a frame interval.
 fn decomposed(seen: &Seen) -> [f64; 2] {
     let RowMotion::Uniform { motion, .. } = seen.rows else { panic!("not the paper's model") };
+    let motion = Zoom::of(&motion);
     let middle = SIZE.map(|n| (f64::from(n) - 1.0) / 2.0);
     [(motion.a - 1.0) * middle[0] + motion.c, (motion.a - 1.0) * middle[1] + motion.d]
 }

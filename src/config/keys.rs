@@ -3,7 +3,7 @@
 use super::{Control, Key, Kind, Level};
 use crate::image::PixelFormat;
 use crate::stage::crop::{self, Border};
-use crate::stage::fit::Form;
+use crate::stage::paper::homography::Form;
 use crate::stage::shutter::{Model, Parameters, Prior};
 use crate::stage::smooth::{self, Mode};
 use crate::stage::warp::Filter;

@@ -1,15 +1,15 @@
 //! Where output pixels come from: the one thing that every shutter model gives to the warp.
 
-use super::{Homography, Pinhole, Pose, Zoom};
+use super::{Homography, Pinhole, Pose};
 
 /// Motion of a frame's rows against the frame's reference time.
 #[expect(clippy::large_enum_variant, reason = "one to a frame, kept in the frame: boxing it would allocate on the frame path")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RowMotion {
-    /// The paper's: one zoom and translation for the whole frame interval, at constant speed.
+    /// One motion for the whole frame interval, at constant speed.
     Uniform {
-        /// Motion in one frame interval.
-        motion: Zoom,
+        /// Takes a pixel to where it is one frame interval later.
+        motion: Homography,
         /// Rows that are read in one frame interval: the picture's rows / the part of the interval that the readout takes;
         /// negative where the sensor reads from bottom to top.
         rows: f64,
@@ -25,7 +25,7 @@ pub enum RowMotion {
 
 impl Default for RowMotion {
     fn default() -> Self {
-        Self::Uniform { motion: Zoom::IDENTITY, rows: 1e9 }
+        Self::Uniform { motion: Homography::IDENTITY, rows: 1e9 }
     }
 }
 

@@ -5,10 +5,8 @@ mod camera;
 mod homography;
 mod length;
 mod map;
-mod zoom;
 
 pub use camera::{Calibration, Estimate, PITCH, Pinhole, Pose, ROLL, YAW, ZOOM};
 pub use homography::Homography;
 pub use length::hypot;
 pub use map::{OutputMap, RowMotion, RowPoses};
-pub use zoom::Zoom;

@@ -1,7 +1,8 @@
 //! What every step of the journey is told.
 
+use crate::stage::paper::homography;
 use crate::stage::shutter::Prior;
-use crate::stage::{crop, detect, fit, shutter, smooth, track, warp};
+use crate::stage::{crop, detect, shutter, smooth, track, warp};
 
 /// What is known of the camera's optics and sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,7 +34,7 @@ pub struct Params {
     /// Lucas-Kanade.
     pub track: track::Params,
     /// Homography.
-    pub fit: fit::Params,
+    pub fit: homography::Params,
     /// Rolling shutter.
     pub shutter: shutter::Params,
     /// Path filter.
@@ -51,7 +52,7 @@ impl Default for Params {
             camera: Camera::default(),
             detect: detect::Params::default(),
             track: track::Params::default(),
-            fit: fit::Params::default(),
+            fit: homography::Params::default(),
             shutter: shutter::Params::default(),
             smooth: smooth::Params::default(),
             crop: crop::Params::default(),

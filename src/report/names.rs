@@ -1,7 +1,8 @@
 //! The words and units under which reports show a model's parameters and a frame's outcome.
 
 use crate::frame::{HoldReason, Outcome, PassReason};
-use crate::stage::shutter::{Model, cho2007};
+use crate::stage::paper;
+use crate::stage::shutter::Model;
 
 /// One parameter of a motion model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +61,7 @@ const CHO2007: MotionNames = MotionNames {
     ],
     path: "U",
     smoothed: "S",
-    steadied: cho2007::stabilized_motion,
+    steadied: paper::stabilized_motion,
 };
 
 const CONTINUOUS: MotionNames = MotionNames {

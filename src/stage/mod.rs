@@ -3,9 +3,10 @@
 
 pub mod crop;
 pub mod detect;
-pub mod fit;
+pub mod paper;
 pub mod presence;
 pub mod pyramid;
+pub mod repeat;
 pub mod shutter;
 pub mod smooth;
 pub mod timing;

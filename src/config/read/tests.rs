@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use crate::config::{Kind, MAX_SHOWN, Origin, Settings, keys, shipped_file};
-use crate::stage::fit::Form;
+use crate::stage::paper::homography::Form;
 use crate::stage::shutter::Prior;
 
 fn read(text: &str) -> Result<Settings, String> {

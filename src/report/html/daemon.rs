@@ -358,8 +358,13 @@ mod tests {
         let page = |with_names| DaemonReport { status: &status, frames: &frames, pictures: &[], with_names }.html();
         let plain = page(false);
         assert!(!plain.contains("SECRET") && !plain.contains("987654"), "{plain}");
-        for words in ["<code>camera.device</code></td><td>(left out)", "<code>crop.zoom</code></td><td>1.25", "MJPG", "YUYV", "3 damaged"]
-        {
+        for words in [
+            "<code>camera.device</code></td><td>(left out)",
+            "<code>crop.zoom</code></td><td>1.25",
+            "MJPG",
+            "YUYV",
+            "3 damaged",
+        ] {
             assert!(plain.contains(words), "{words} in {plain}");
         }
         let named = page(true);

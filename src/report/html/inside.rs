@@ -44,7 +44,7 @@ pub(super) fn sheared(frame: &Frame) -> [f64; 2] {
     match frame.context.rows {
         RowMotion::Uniform { motion, rows } => {
             let part = frame.picture.height() as f64 / rows;
-            [motion.c * part, motion.d * part]
+            [motion.0[(0, 2)] * part, motion.0[(1, 2)] * part]
         }
         RowMotion::Poses { .. } => match in_pixels(&frame.context.rows) {
             Some(rows) => [0, 1].map(|axis: usize| rows[RowPoses::SAMPLES - 1][axis] - rows[0][axis]),
@@ -143,10 +143,8 @@ impl Curve {
 /// The section of the page.
 pub(super) fn html(report: &Report, times: &[f64]) -> Markup {
     let plots = Plots { samples: &report.journal.samples, times };
-    let sheared = vec![
-        plots.line("sideways", "before", |s| s.sheared[0]),
-        plots.line("up and down", "after", |s| s.sheared[1]),
-    ];
+    let sheared =
+        vec![plots.line("sideways", "before", |s| s.sheared[0]), plots.line("up and down", "after", |s| s.sheared[1])];
     let note = "motion of the picture while a frame was read, last row against first";
     let is_estimated = |Calibration { readout_s, hfov_deg, lens_k1 }: Calibration| {
         [readout_s, hfov_deg, lens_k1].iter().any(|estimate| !estimate.is_exact())
@@ -221,8 +219,9 @@ impl Plots<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Estimate, Pinhole, Zoom};
+    use crate::geometry::{Estimate, Pinhole};
     use crate::image::{Picture, Sampling};
+    use crate::stage::paper::Zoom;
 
     fn frame(bend: f64) -> Frame {
         let mut frame = Frame { picture: Picture::new(Sampling::Mono, 64, 48), intact: true, ..Frame::default() };
@@ -244,7 +243,7 @@ mod tests {
         assert!((x - 2.0).abs() < 1e-9 && (y - 1.0).abs() < 1e-9, "{x} {y}");
         let mut uniform = frame(0.0);
         let motion = Zoom { c: 4.0, d: -2.0, ..Zoom::IDENTITY };
-        uniform.context.rows = RowMotion::Uniform { motion, rows: 96.0 };
+        uniform.context.rows = RowMotion::Uniform { motion: motion.homography(), rows: 96.0 };
         assert_eq!(sheared(&uniform), [2.0, -1.0]);
     }
 

@@ -7,9 +7,8 @@ use super::picture::Rgb;
 use super::plot::{Plot, Series};
 use super::sections::{changes, motion_plots, page};
 use super::svg::{Line, label};
-use crate::geometry::Zoom;
 use crate::report::{PatternFrame, PatternWatch, Shape};
-use crate::stage::shutter::cho2007;
+use crate::stage::paper::{Zoom, undistortion};
 
 /// Frames at the beginning that are not judged: the first second of the paper's camera.
 const SKIPPED: usize = 15;
@@ -146,7 +145,12 @@ impl Paper {
             row("10 (e)", plotted, "slant, up and down", shapes(1, angle)),
             row("11, middle", only, "slant, stabilized only", slants(&self.stabilized_only)),
             row("11, bottom", whole, "slant, stabilized", slants(&self.complete)),
-            row("12", smoothed, "what is left of the change of motion", [none(), left(&self.walk[0]), left(&self.walk[1]), none()]),
+            row(
+                "12",
+                smoothed,
+                "what is left of the change of motion",
+                [none(), left(&self.walk[0]), left(&self.walk[1]), none()],
+            ),
         ]
     }
 
@@ -198,7 +202,8 @@ impl Paper {
             ];
             // The same range for both motions, so that one sees which of the two distorts what.
             let least = Some(self.range(of));
-            Plot { title: format!("({part}) {title}"), note: String::new(), unit, times: &times, series, limit: None, least }.figure()
+            Plot { title: format!("({part}) {title}"), note: String::new(), unit, times: &times, series, limit: None, least }
+                .figure()
         };
         html! {
             h2 { "Fig. 10 (b) to (e): height and slant over time" }
@@ -279,7 +284,7 @@ fn fig7() -> Markup {
 fn undistorted(name: &str, motion: Zoom) -> Markup {
     const SIZE: [f64; 2] = [320.0, 240.0];
     let captured = [[0.0, 0.0], [SIZE[0], 0.0], SIZE, [0.0, SIZE[1]]];
-    let map = cho2007::undistortion(motion, SIZE[1]);
+    let map = undistortion(motion, SIZE[1]);
     let corners = captured.map(|corner| map.apply(corner));
     let text = |[x, y]: [f64; 2], above: bool| label([x, y + if above { -6.0 } else { 16.0 }], "x", format!("{x:.0}, {y:.0}"));
     html! {

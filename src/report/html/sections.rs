@@ -8,8 +8,8 @@ use super::{Journal, Sample};
 use crate::config::{Key, Settings, keys};
 use crate::frame::{Outcome, Stage};
 use crate::geometry::{PITCH, ROLL, YAW};
-use crate::report::names::{Axis, outcome_name};
 use crate::report::Stats;
+use crate::report::names::{Axis, outcome_name};
 use crate::stage::shutter::Model;
 
 /// Which four parameters of a frame a line shows.

@@ -152,7 +152,8 @@ impl Stills {
             grey_img(small.as_ref(), alt)
         };
         let pair = |[before, after]: &Pair<Plane>| [slice(before, "before"), slice(after, "after")];
-        let columns = "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
+        let columns =
+            "The middle column of each frame, side by side: time runs to the right. A steady picture draws level lines.";
         let rows = "The middle row of each frame, rotated: time runs to the right, the left of the picture is at the top.";
         html! {
             (pair_html("Up and down over time", columns, "pair slice", pair(&self.columns)))

@@ -76,7 +76,13 @@ mod tests {
         line.gap();
         line.to([4.0, 5.25]);
         line.vertical_to(7.0);
-        assert_eq!(line.close().drawn("line after").0, "<path class=\"line after\" d=\"M0.0 1.0L2.0 3.0M4.0 5.2V7.0Z\"></path>");
-        assert_eq!(label([1.0, 2.0], "x", "a<b & \"c\"").0, "<text x=\"1.0\" y=\"2.0\" class=\"x\">a&lt;b &amp; &quot;c&quot;</text>");
+        assert_eq!(
+            line.close().drawn("line after").0,
+            "<path class=\"line after\" d=\"M0.0 1.0L2.0 3.0M4.0 5.2V7.0Z\"></path>"
+        );
+        assert_eq!(
+            label([1.0, 2.0], "x", "a<b & \"c\"").0,
+            "<text x=\"1.0\" y=\"2.0\" class=\"x\">a&lt;b &amp; &quot;c&quot;</text>"
+        );
     }
 }

@@ -4,14 +4,13 @@
 //! frame comes from once the virtual camera's path is chosen ([`Shutter::map`]).
 
 pub mod certainty;
-pub mod cho2007;
 pub mod continuous;
 
 use crate::frame::{Fit, Track};
 use crate::geometry::{Calibration, Estimate, Homography, OutputMap, Pose, RowMotion};
 
 use crate::kernel::Level;
-use cho2007::Cho2007;
+use crate::stage::paper::Cho2007;
 use continuous::Continuous;
 
 /// Which model of the camera's motion is used.

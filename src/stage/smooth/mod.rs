@@ -7,7 +7,6 @@
 
 mod adaptive;
 mod forecast;
-mod iir;
 mod joint;
 mod plan;
 mod tuning;
@@ -15,6 +14,7 @@ mod tuning;
 use std::f64::consts::TAU;
 
 use super::crop::{Bounds, Rows};
+use super::paper::low_pass as iir;
 use super::shutter::RowSpan;
 use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM};
 use adaptive::StepInput;

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::Homography;
+use crate::geometry::Homography;
 
 /// `T = [[a, 0, c], [0, a, d], [0, 0, 1]]` (eq. 2): zoom `a` about the origin (the centre of the top-left pixel), then a
 /// translation of (`c`, `d`) pixels.
@@ -39,6 +39,12 @@ impl Zoom {
     /// The part `share` (0 to 1) of this motion, entry by entry.
     pub fn part(self, share: f64) -> Self {
         Self { a: 1.0 + (self.a - 1.0) * share, c: self.c * share, d: self.d * share }
+    }
+
+    /// The same of a homography that is a zoom and a translation.
+    pub fn of(homography: &Homography) -> Self {
+        let m = &homography.0;
+        Self { a: m[(0, 0)], c: m[(0, 2)], d: m[(1, 2)] }
     }
 
     /// As a homography.

@@ -1,14 +1,14 @@
 //! The paper's model: zoom and translation at constant speed, decomposed in closed form.
 //!
-//! W. Cho, D. Kim, K. Hong, "CMOS Digital Image Stabilization", IEEE Trans. Consumer Electronics 53 (2007). The equations'
-//! numbers are the paper's. Pixels, origin at the centre of the top-left pixel, y down. The paper takes the readout to fill the
+//! Pixels, origin at the centre of the top-left pixel, y down. The paper takes the readout to fill the
 //! frame interval; where it takes the part r of it, H / r stands for the number of rows H in every equation ("rows" below). A
 //! frame's reference time is that of its first row.
 
 use nalgebra::Matrix3;
 
-use super::{Motion, Pair, Parameters, Prior, RowSpan};
-use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, Zoom};
+use super::Zoom;
+use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion};
+use crate::stage::shutter::{Motion, Pair, Parameters, Prior, RowSpan};
 
 /// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
 /// known of them: this model does not find them out.
@@ -75,7 +75,7 @@ impl Cho2007 {
         Self { parameters, readout, hfov_deg, height: 1.0, camera: Pinhole::default(), known: [rest(1e9); 2] }
     }
 
-    /// As [`super::Shutter::frames_late`].
+    /// As [`crate::stage::shutter::Shutter::frames_late`].
     pub fn frames_late(&self) -> usize {
         match self.parameters {
             Parameters::TimeT => 1,
@@ -83,7 +83,7 @@ impl Cho2007 {
         }
     }
 
-    /// As [`super::Shutter::begin`].
+    /// As [`crate::stage::shutter::Shutter::begin`].
     pub fn begin(&mut self, size: [usize; 2]) {
         self.height = size[1] as f64;
         self.camera = Pinhole::new(size, self.hfov_deg);
@@ -102,14 +102,14 @@ impl Cho2007 {
         let mut reference = self.known[1];
         // with nothing seen of the frame after, eq. (12) of the pair before is the best that is known
         if confidence > 0.0 {
-            reference.rows = RowMotion::Uniform { motion, rows };
+            reference.rows = RowMotion::Uniform { motion: motion.homography(), rows };
             reference.confidence = confidence;
         } else {
             reference.confidence = reference.confidence.min(0.5);
         }
         let path = motion.after(zoom(reference.path));
         let newest = Motion {
-            rows: RowMotion::Uniform { motion: next, rows },
+            rows: RowMotion::Uniform { motion: next.homography(), rows },
             motion: parameters(motion),
             path: parameters(path),
             confidence,
@@ -119,35 +119,35 @@ impl Cho2007 {
         self.known = [reference, newest];
     }
 
-    /// As [`super::Shutter::newest`].
+    /// As [`crate::stage::shutter::Shutter::newest`].
     pub fn newest(&self) -> Motion {
         self.known[1]
     }
 
-    /// As [`super::Shutter::reference`].
+    /// As [`crate::stage::shutter::Shutter::reference`].
     pub fn reference(&self) -> Motion {
         self.known[0]
     }
 
-    /// As [`super::Shutter::pose`]: the pixel of the path's first frame that is at the centre now (x, y), 0, the log of a.
+    /// As [`crate::stage::shutter::Shutter::pose`]: the pixel of the path's first frame that is at the centre now (x, y), 0, the log of a.
     pub fn pose(&self, path: [f64; 4]) -> Pose {
         let Zoom { a, c, d } = zoom(path);
         let [x, y] = self.camera.centre;
         [(x - c) / a, (y - d) / a, 0.0, a.ln()]
     }
 
-    /// As [`super::Shutter::path`].
+    /// As [`crate::stage::shutter::Shutter::path`].
     pub fn path(&self, [x0, y0, _, log]: Pose) -> [f64; 4] {
         let a = log.exp();
         let [x, y] = self.camera.centre;
         [a, x - a * x0, y - a * y0, 0.0]
     }
 
-    /// As [`super::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).
+    /// As [`crate::stage::shutter::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).
     pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
         let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
         let correction = correction(zoom(motion.path), zoom(smoothed), &self.camera);
-        let distortion = undistortion(within.part(strength), rows).inverse().unwrap_or_default();
+        let distortion = undistortion(Zoom::of(&within).part(strength), rows).inverse().unwrap_or_default();
         OutputMap::Projective(Homography(distortion.0 * correction.0 * view.0).scaled())
     }
 }
@@ -156,7 +156,7 @@ impl Cho2007 {
 fn rest(rows: f64) -> Motion {
     let still = parameters(Zoom::IDENTITY);
     Motion {
-        rows: RowMotion::Uniform { motion: Zoom::IDENTITY, rows },
+        rows: RowMotion::Uniform { motion: Homography::IDENTITY, rows },
         motion: still,
         path: still,
         ends: RowSpan { first: still, last: still, ..RowSpan::default() },

@@ -169,17 +169,6 @@ impl Fitter {
     }
 }
 
-/// Whether a frame shows the one before once more: nothing moved by more than codecs move it, where the pair before did move.
-/// A camera that stands still repeats nothing in this sense.
-pub fn is_repeat(tracks: &[Track], before: &[Track]) -> bool {
-    let moved = |tracks: &[Track], least: f64| {
-        let far = |t: &&Track| (t.to[0] - t.from[0]).powi(2) + (t.to[1] - t.from[1]).powi(2) > least * least;
-        tracks.iter().filter(far).count() as f64 / tracks.len() as f64
-    };
-    let enough = tracks.len() >= MIN_TRACKS && before.len() >= MIN_TRACKS;
-    enough && moved(tracks, 0.06) < 0.1 && moved(before, 0.4) > 0.8
-}
-
 /// How far to believe a fit: 0 with hardly more inliers than unknowns, one in five, or all on a line; 1 with 40, one in two and an
 /// eighth as wide as long.
 fn confidence(inliers: usize, tracks: usize, spread: f64) -> f64 {
