@@ -17,6 +17,7 @@ use crate::geometry::{Calibration, Pose};
 use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::clock;
+use crate::stage::gains::Gains;
 use crate::stage::paper::homography;
 use crate::stage::shutter::{Motion, Pair, Shutter};
 use crate::stage::timing::{self, Timing};
@@ -317,31 +318,30 @@ impl Stabilizer {
         let frame = &mut *self.slots[index].frame;
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
-            let trust = self.trust.step(motion.confidence, interval_s);
-            let presence = self.presence.step(interval_s);
-            let shown = trust * presence;
+            let (trust, presence) = (self.trust.step(motion.confidence, interval_s), self.presence.step(interval_s));
+            let mut gains = Gains::new(trust, presence, motion.rows_part);
+            let shown = gains.shown();
             self.window.glide(interval_s);
             let view = self.window.view();
-            let rows = shown
-                * motion.rows_part
-                * self.window.rows_part(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+            gains.rows_margin =
+                self.window.rows_part(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+            let rows = gains.rows();
             let pose = self.shutter.pose(motion.path);
-            // the path's parameters for the part of a correction
-            let path = |correction: Pose, part: f64| self.shutter.path(std::array::from_fn(|i| pose[i] + part * correction[i]));
-            let bounds = self.window.bounds(&view, self.smoother.correction(), |correction| {
-                self.shutter.map(&motion, path(correction, 1.0), rows, &view)
-            });
-            let wanted = self.smoother.step(pose, interval_s, known_s, &bounds);
-            let correction = std::array::from_fn(|i| shown * (wanted[i] - pose[i]));
-            let part =
-                self.window.correction_part(&view, |part| self.shutter.map(&motion, path(correction, part), rows, &view));
+            // the path's parameters for a correction, and the map that it gives
+            let path = |correction: Pose| self.shutter.path(std::array::from_fn(|i| pose[i] + correction[i]));
+            let map = |correction: Pose| self.shutter.map(&motion, path(correction), rows, &view);
+            let bounds = self.window.bounds(&view, self.smoother.correction(), map);
+            let place = self.smoother.step(pose, interval_s, known_s, &bounds);
+            let wanted: Pose = std::array::from_fn(|i| place[i] - pose[i]);
+            gains.margin = self.window.correction_part(&view, |margin| map(Gains { margin, ..gains }.correction(wanted)));
+            let correction = gains.correction(wanted);
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);
-            context.smoothed = path(correction, part);
+            context.smoothed = path(correction);
             (context.confidence, context.trust, context.rows_gain) = (motion.confidence, trust, rows);
             context.calibration = self.shutter.calibration();
             context.map = self.shutter.map(&motion, context.smoothed, rows, &view);
             context.crop_use = self.window.crop_use(&context.map, &view);
-            context.crop_shares = bounds.crop_shares(&correction.map(|channel| part * channel));
+            context.crop_shares = bounds.crop_shares(&correction);
             context.crop_zoom = self.window.zoom();
             if shown == 1.0 {
                 self.window.follow_use(context.crop_use, interval_s);

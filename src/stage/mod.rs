@@ -3,6 +3,7 @@
 
 pub mod crop;
 pub mod detect;
+pub mod gains;
 pub mod paper;
 pub mod presence;
 pub mod pyramid;
