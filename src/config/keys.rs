@@ -189,14 +189,14 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "fit.form",
         unit: "",
-        doc: "Free parameters of the homography: \"constrained\" has the six of a camera without roll, \"general\" has all eight.",
+        doc: "For cho2007: the homography has the six parameters of a camera without roll (\"constrained\"), or all eight (\"general\").",
         live: true,
         kind: choice!(pipeline.fit.form, "constrained" => Form::Constrained, "general" => Form::General),
     },
     Key {
         name: "fit.threshold_px",
         unit: "pixels",
-        doc: "Maximum distance of an inlier from the fitted homography.",
+        doc: "For cho2007: maximum distance of an inlier from the fitted homography.",
         live: true,
         kind: number!(pipeline.fit.threshold_px, 0.2 to 10.0),
     },
