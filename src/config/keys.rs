@@ -1,7 +1,7 @@
 //! The table of every configuration key.
 
 use super::{Control, Key, Kind, Level};
-use crate::image::PixelFormat;
+use crate::image::{MAX_SIDE, PixelFormat};
 use crate::stage::crop::{self, Border};
 use crate::stage::paper::homography::Form;
 use crate::stage::shutter::{Model, Parameters, Prior};
@@ -121,14 +121,14 @@ pub const KEYS: &[Key] = &[
         unit: "pixels",
         doc: "Width to request from the camera. 0 picks the best it offers.",
         live: false,
-        kind: count!(camera.width: u32, 0 to 8192),
+        kind: count!(camera.width: u32, 0 to MAX_SIDE as u64),
     },
     Key {
         name: "camera.height",
         unit: "pixels",
         doc: "Height to request from the camera. 0 picks the best it offers.",
         live: false,
-        kind: count!(camera.height: u32, 0 to 8192),
+        kind: count!(camera.height: u32, 0 to MAX_SIDE as u64),
     },
     Key {
         name: "camera.fps",

@@ -14,3 +14,6 @@ pub use format::{MAX_COMPRESSED_PIXELS, PixelFormat};
 pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;
+
+/// Width and height of a camera's picture, at most.
+pub const MAX_SIDE: u32 = 8192;

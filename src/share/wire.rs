@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::lease::Kind;
+use crate::image::MAX_SIDE;
 
 /// Both ends are of one program and are updated together; another version ends the connection.
 const VERSION: u32 = 1;
@@ -11,9 +12,6 @@ const VERSION: u32 = 1;
 pub(super) const LONGEST: usize = 32 + LONGEST_PATH;
 /// Bytes of the longest name of a camera's node; `/dev/video63` has twelve.
 const LONGEST_PATH: usize = 200;
-
-/// Width and height, at most: as `camera.width` has it.
-const LARGEST_SIDE: u32 = 8192;
 
 /// What pictures the daemon makes, and of which camera.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -36,7 +34,7 @@ impl Format {
 
 /// Bytes of a picture of that size; `None` where there can be no such picture.
 pub(super) fn bytes(width: u32, height: u32) -> Option<usize> {
-    let fits = |side: u32| side.is_multiple_of(2) && (2..=LARGEST_SIDE).contains(&side);
+    let fits = |side: u32| side.is_multiple_of(2) && (2..=MAX_SIDE).contains(&side);
     (fits(width) && fits(height)).then(|| 2 * width as usize * height as usize)
 }
 
