@@ -32,7 +32,7 @@
 //!   rule, from camera to scene), and log zoom. A camera that yaws by a positive angle looks further right, and its picture moves left.
 //! - **Maps** go from the output to the input: for each output pixel, where it is seen in the camera's picture.
 //! - **Units** are in the names: `_s`, `_ms`, `_ns`, `_px`, `_deg`, `_hz`. Settings use ms and degrees, the code seconds and radians.
-//! - **Uncertainties** are standard deviations; what is shown to users is two of them.
+//! - **Uncertainties** are standard deviations ([`geometry::Estimate`]); what is shown to users is two of them.
 //! - **Time stamp** ([`frame::Stamp::time_ns`]): when the row that is read first was exposed: the top row, or the bottom row where the
 //!   readout is negative. CLOCK_MONOTONIC for cameras; only differences matter.
 //! - **Readout time**: the time in which all H rows of a frame are read. Row y (0 to H) is exposed `readout · y / H` after the top row;
@@ -66,6 +66,11 @@
 //! - `unsafe` exists only in `device::v4l2`, `kernel`, `pipewire` and `share::memory`.
 //! - The service opens no network connection. Only `gimbald view` listens, on the loopback interface.
 //!
+//! # Public interface
+//! gimbald is a program. Its library exists so that the program's tests, benchmarks, examples and fuzz targets reach each part; nothing in it
+//! is a stable interface. Stable are the command line, the exit codes, the configuration file, the JSON of `gimbald status`, the names of the
+//! Prometheus metrics, and the requests of the control socket ([`control`]).
+//!
 //! # Glossary
 //! | word | meaning |
 //! |---|---|
@@ -73,6 +78,7 @@
 //! | virtual camera | the steady camera whose picture is shown; its path minus the camera path is the *correction* |
 //! | crop margin | the part of the picture that `crop.zoom` hides, and that corrections may use; *crop use* is the share in use |
 //! | confidence | how reliable one frame's motion is, 0 to 1 |
+//! | gain | what multiplies a correction, 0 to 1; all are in [`stage::gains`] |
 //! | trust | weight of the correction, 0 to 1: follows the confidence slowly |
 //! | presence | the same for switching on and off |
 //! | track | a point seen in two frames; an *inlier* agrees with the camera's motion |
