@@ -57,7 +57,7 @@ impl Log {
         let i = self.path.partition_point(|(at, _)| *at <= time).clamp(1, self.path.len() - 1);
         let ((from, a), (to, b)) = (self.path[i - 1], self.path[i]);
         let part = ((time - from) / (to - from).max(1e-9)).clamp(0.0, 1.0);
-        std::array::from_fn(|c| a[c] + part * (b[c] - a[c]))
+        a + (b - a) * part
     }
 
     /// Reads a line of the list.
@@ -81,7 +81,7 @@ impl Log {
                 .collect::<anyhow::Result<_>>()?,
         };
         let gain = number("gain", 1.0)?;
-        path.iter_mut().for_each(|(_, pose)| *pose = pose.map(|value| gain * value));
+        path.iter_mut().for_each(|(_, pose)| *pose = *pose * gain);
         let frames = if kind == "trace" {
             path.iter().map(|(t, _)| *t).collect()
         } else {
@@ -120,7 +120,7 @@ fn gyro(file: &Path, start: f64, seconds: f64) -> anyhow::Result<Vec<(f64, Pose)
         .map(|row| {
             (0..3).for_each(|i| turn[i] += (row[i + 1] - mean[i]) * (row[0] - before));
             before = row[0];
-            (row[0] - start, [turn[1], turn[0], turn[2], 0.0])
+            (row[0] - start, Pose([turn[1], turn[0], turn[2], 0.0]))
         })
         .collect())
 }
@@ -131,7 +131,7 @@ fn trace(file: &Path) -> anyhow::Result<Vec<(f64, Pose)>> {
         head.iter().position(|column| column == name).with_context(|| format!("{}: no column {name}", file.display()))
     };
     let (time, pose) = (column("time_s")?, [column("P_yaw")?, column("P_pitch")?, column("P_roll")?, column("P_zoom")?]);
-    Ok(rows.iter().map(|row| (row[time], pose.map(|i| row[i]))).collect())
+    Ok(rows.iter().map(|row| (row[time], Pose(pose.map(|i| row[i])))).collect())
 }
 
 /// Made shake at time `t`: sums of sines whose size falls with their frequency.
@@ -143,7 +143,7 @@ fn shake(kind: &str, seed: u64, seconds: f64, t: f64) -> anyhow::Result<Pose> {
         _ => bail!("{kind}: expected gyro, trace, handheld, walk or pan"),
     };
     let mut random = random(seed);
-    let mut pose = [0.0; 4];
+    let mut pose = Pose::default();
     for (c, size) in degrees.into_iter().enumerate() {
         for i in 0..16 {
             let f = hz[0] * (hz[1] / hz[0]).powf((f64::from(i) + random()) / 16.0);
@@ -158,7 +158,7 @@ fn shake(kind: &str, seed: u64, seconds: f64, t: f64) -> anyhow::Result<Pose> {
         let u = ((t - 0.35 * seconds) / 1.6).clamp(0.0, 1.0);
         pose[0] += 16.0 * u * u * (3.0 - 2.0 * u);
     }
-    Ok(pose.map(f64::to_radians))
+    Ok(Pose(pose.0.map(f64::to_radians)))
 }
 
 /// Numbers from 0 to 1, the same for the same seed.
@@ -185,7 +185,7 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
     let mut window = Window::new(&setup.crop, log.size, log.size);
     let camera = Pinhole::new(log.size, log.hfov_deg);
     let (count, half) = (log.frames.len(), 0.5 * log.readout_s);
-    let at = |t: f64| log.at(t).map(|value| gain * value);
+    let at = |t: f64| log.at(t) * gain;
     let interval = |k: usize| if k > 0 { log.frames[k] - log.frames[k - 1] } else { 0.0 };
     let (mut driven, mut seen): (Driven, usize) = (Driven::default(), 0);
     for k in 0..count {
@@ -200,15 +200,15 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
         window.glide(step_s);
         let view = window.view();
         let mut rows = RowPoses {
-            samples: [[0.0; 4]; RowPoses::SAMPLES],
+            samples: [Pose::default(); RowPoses::SAMPLES],
             spacing: (log.size[1] - 1) as f64 / (RowPoses::SAMPLES - 1) as f64,
         };
         for (i, row) in rows.samples.iter_mut().enumerate().filter(|_| k > 0) {
             let seen = at(log.frames[k] + log.readout_s * i as f64 / (RowPoses::SAMPLES - 1) as f64);
-            *row = std::array::from_fn(|c| seen[c] - pose[c]);
+            *row = seen - pose;
         }
         let map = |correction: Pose, part: f64| {
-            let turn = camera.turned(correction.map(|value| -value));
+            let turn = camera.turned(-correction);
             OutputMap::Rows {
                 window: Homography::IDENTITY,
                 view: Homography(turn.0 * view.0).scaled(),
@@ -216,16 +216,16 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
                 rows: rows.part(part),
             }
         };
-        let part = window.rows_part(&view, |part| map([0.0; 4], part));
+        let part = window.rows_part(&view, |part| map(Pose::default(), part));
         let bounds = window.bounds(&view, smoother.correction(), |correction| map(correction, part));
         let place = smoother.step(pose, step_s, log.frames[seen - 1] - log.frames[k], &bounds);
-        let wanted: Pose = std::array::from_fn(|c| place[c] - pose[c]);
-        let share = window.correction_part(&view, |share| map(wanted.map(|value| share * value), part));
-        let correction = wanted.map(|value| share * value);
+        let wanted = place - pose;
+        let share = window.correction_part(&view, |share| map(wanted * share, part));
+        let correction = wanted * share;
         let crop_use = window.crop_use(&map(correction, part), &view);
         window.follow_use(crop_use, step_s);
         driven.0.push(pose);
-        driven.1.push(std::array::from_fn(|c| pose[c] + correction[c]));
+        driven.1.push(pose + correction);
         driven.2.push(crop_use);
     }
     driven

@@ -1,6 +1,8 @@
 //! The suitcase that travels: a picture, when it was taken, and what each stage found out about it, in journey order.
 
-use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion};
+use std::ops::Index;
+
+use crate::geometry::{Calibration, Homography, OutputMap, PerChannel, RowMotion};
 use crate::image::{Picture, Plane};
 
 /// When a frame was taken and what its source says of it.
@@ -186,6 +188,19 @@ pub struct Fit {
     pub confidence: f64,
 }
 
+/// A motion or a path in the four parameters of the rolling-shutter model in use: yaw, pitch, roll (radians) and log zoom of `continuous`;
+/// a, c and d (pixels) of eq. (2), then 0, of `cho2007`. Only the model computes with them; traces and reports show them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PathParameters(pub [f64; 4]);
+
+impl Index<usize> for PathParameters {
+    type Output = f64;
+
+    fn index(&self, parameter: usize) -> &f64 {
+        &self.0[parameter]
+    }
+}
+
 /// What the stages found out about a frame, in journey order.
 #[derive(Clone, Debug, Default)]
 pub struct FrameContext {
@@ -201,12 +216,12 @@ pub struct FrameContext {
     pub rows: RowMotion,
     /// What the model believes of the camera at this frame; `None` where it does not estimate it.
     pub calibration: Option<Calibration>,
-    /// Motion since the frame before, the model's own four parameters (cho2007: a, c, d of eq. 2, then 0).
-    pub motion: [f64; 4],
-    /// The camera's path at the frame's reference time, the model's own four parameters (cho2007: those of U).
-    pub path: [f64; 4],
-    /// The virtual camera's path, in the same parameters (cho2007: those of S).
-    pub smoothed: [f64; 4],
+    /// Motion since the frame before.
+    pub motion: PathParameters,
+    /// The camera's path at the frame's reference time (cho2007: U).
+    pub path: PathParameters,
+    /// The virtual camera's path (cho2007: S).
+    pub smoothed: PathParameters,
     /// How far the motion is believed, 0 (unknown) to 1; what [`FrameContext::trust`] follows.
     pub confidence: f64,
     /// How far the correction is believed, 0 to 1; moves slowly.
@@ -217,7 +232,7 @@ pub struct FrameContext {
     pub crop_use: f64,
     /// What each channel takes of the margin where least of it is left (yaw, pitch, roll, zoom); their sum is about `crop_use`, and one that
     /// makes room is negative.
-    pub crop_shares: Pose,
+    pub crop_shares: PerChannel,
     /// The crop's zoom: the part of the picture that is shown is 1 / zoom wide.
     pub crop_zoom: f64,
     /// Where each output pixel comes from.

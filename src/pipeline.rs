@@ -328,11 +328,11 @@ impl Stabilizer {
             let rows = gains.rows();
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for a correction, and the map that it gives
-            let path = |correction: Pose| self.shutter.path(std::array::from_fn(|i| pose[i] + correction[i]));
+            let path = |correction: Pose| self.shutter.path(pose + correction);
             let map = |correction: Pose| self.shutter.map(&motion, path(correction), rows, &view);
             let bounds = self.window.bounds(&view, self.smoother.correction(), map);
             let place = self.smoother.step(pose, interval_s, known_s, &bounds);
-            let wanted: Pose = std::array::from_fn(|i| place[i] - pose[i]);
+            let wanted = place - pose;
             gains.margin = self.window.correction_part(&view, |margin| map(Gains { margin, ..gains }.correction(wanted)));
             let correction = gains.correction(wanted);
             (context.motion, context.rows, context.path) = (motion.motion, motion.rows, motion.path);

@@ -82,10 +82,10 @@ fn run(name: &str, params: &Params, shots: &[Shot]) -> (Vec<Seen>, Totals) {
         assert_ne!(seen.outcome, Outcome::Pending, "{what}: frame {n}");
         let rows = match seen.rows {
             RowMotion::Uniform { motion, rows } => motion.0.sum() + rows,
-            RowMotion::Poses { rows, .. } => rows.samples.as_flattened().iter().sum(),
+            RowMotion::Poses { rows, .. } => rows.samples.iter().flat_map(|pose| pose.0).sum(),
         };
         let numbers = [rows, seen.trust, seen.fit.confidence, seen.interval_s, seen.fit.homography.0.sum()];
-        let paths = seen.motion.iter().chain(&seen.path).chain(&seen.smoothed).chain(&numbers);
+        let paths = seen.motion.0.iter().chain(&seen.path.0).chain(&seen.smoothed.0).chain(&numbers);
         let finite = paths.chain(seen.corners().as_flattened()).all(|v| v.is_finite()) && seen.crop_use.is_finite();
         assert!(finite, "{what}: frame {n} has numbers that are none: {:?} {:?} {}", seen.corners(), numbers, seen.crop_use);
         assert!((0.0..=1.0).contains(&seen.trust), "{what}: frame {n} is trusted {}", seen.trust);

@@ -60,7 +60,7 @@ impl Observer for Trace<'_> {
     fn drawn(&mut self, frame: &Frame, _: PictureRef<'_>) {
         let context = &frame.context;
         let _ = write!(self.lines, "{},{}", self.run, self.frame);
-        for value in context.path.iter().chain(&context.smoothed).chain([&context.confidence, &context.crop_use]) {
+        for value in context.path.0.iter().chain(&context.smoothed.0).chain([&context.confidence, &context.crop_use]) {
             // without a sign where it is rounded to 0
             let _ = write!(self.lines, ",{:.7}", (1e7 * value).round() / 1e7 + 0.0);
         }

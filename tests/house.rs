@@ -11,7 +11,7 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("kernel", &["image"]),
     ("frame", &["geometry", "image"]),
     ("stage", &["kernel", "frame", "geometry", "image"]),
-    ("device", &["kernel", "frame", "image", "rt"]),
+    ("device", &["kernel", "frame", "geometry", "image", "rt"]),
     ("share", &["device", "kernel", "frame", "image", "rt"]),
     ("pipewire", &["rt"]),
     ("companion", &["pipewire", "share", "device", "kernel", "image", "rt"]),

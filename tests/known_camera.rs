@@ -5,7 +5,7 @@ mod common;
 use common::{Memory, Script, Seen, filmed, quantile};
 use gimbald::device::null::NullSink;
 use gimbald::device::synthetic::{self, Motion, Synthetic};
-use gimbald::geometry::RowMotion;
+use gimbald::geometry::{Pose, RowMotion};
 use gimbald::pipeline::{Camera, Params, run_inline};
 use gimbald::rt::stop::Stop;
 use gimbald::stage::paper::Zoom;
@@ -151,10 +151,10 @@ fn check_path(name: &str, run: &Run, seen: &[Seen]) {
         let RowMotion::Poses { rows, .. } = seen[k].rows else { panic!("rows have no poses") };
         for (i, sample) in rows.samples.iter().enumerate() {
             let truth = pose(k, i as f64 * rows.spacing);
-            let apart = |a: &[f64], b: &[f64]| (0..3).map(|c| ((a[c] - b[c]) * scale[c]).powi(2)).sum::<f64>().sqrt();
-            let within: [f64; 4] = std::array::from_fn(|c| truth[c] - now[c]);
-            rows_off.push(apart(sample, &within));
-            rows_size.push(apart(&within, &[0.0; 4]));
+            let pixels = |turn: Pose| (0..3).map(|c| (turn[c] * scale[c]).powi(2)).sum::<f64>().sqrt();
+            let within = truth - now;
+            rows_off.push(pixels(*sample - within));
+            rows_size.push(pixels(within));
         }
     }
     let [yaw, pitch, roll] = steps.each_mut().map(|steps| quantile(steps, 0.95));

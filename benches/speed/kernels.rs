@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use gimbald::command::bench::{Copies, CopyTimes};
 use gimbald::frame::Frame;
-use gimbald::geometry::{Homography, OutputMap, Pinhole, RowPoses};
+use gimbald::geometry::{Homography, OutputMap, Pinhole, Pose, RowPoses};
 use gimbald::image::{Picture, PixelFormat, RawLayout, Sampling, Siting};
 use gimbald::kernel::convert::{self, LumaFirst};
 use gimbald::kernel::{Level, lk, pyramid};
@@ -145,13 +145,13 @@ fn warps(tell: &mut Tell<'_>, against: f64, picture: &Picture) {
     let rows = |degrees: f64| RowPoses {
         samples: std::array::from_fn(|i| {
             let t = i as f64 / (RowPoses::SAMPLES - 1) as f64 - 0.5;
-            [t * degrees.to_radians(), 0.7 * t * degrees.to_radians(), 0.3 * t * degrees.to_radians(), 0.0]
+            Pose([t * degrees.to_radians(), 0.7 * t * degrees.to_radians(), 0.3 * t * degrees.to_radians(), 0.0])
         }),
         spacing,
     };
     let mut drawn = Picture::new(Sampling::S420, size[0], size[1]);
     for (name, roll, turn) in [("warp", 0.3, 0.7), ("warp0", 0.0, 0.0), ("warp3", 3.0, 2.0)] {
-        let view = Homography(camera.turned([0.005, -0.004, f64::to_radians(roll), 0.0]).0 * zoomed);
+        let view = Homography(camera.turned(Pose([0.005, -0.004, f64::to_radians(roll), 0.0])).0 * zoomed);
         let map = OutputMap::Rows { window: Homography::IDENTITY, view, camera, rows: rows(turn) };
         tell(name, against, &mut |level| {
             warp::Warper::new(&warp::Params::default(), level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());

@@ -71,9 +71,9 @@ impl FrameRecord {
         let mut numbers = [0.0; NUMBERS];
         let all = [context.interval_s, f64::from(context.outcome.code())]
             .into_iter()
-            .chain(context.motion)
-            .chain(context.path)
-            .chain(context.smoothed)
+            .chain(context.motion.0)
+            .chain(context.path.0)
+            .chain(context.smoothed.0)
             .chain([context.trust, context.confidence, context.crop_use])
             .chain([f64::from(context.fit.tracks), f64::from(context.fit.inliers), age_ms])
             .chain(context.crop_shares)
@@ -177,13 +177,13 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{HoldReason, PassReason};
+    use crate::frame::{HoldReason, PassReason, PathParameters};
 
     fn frame(n: u64) -> Frame {
         let mut frame = Frame::default();
         frame.stamp.time_ns = n as i64 * 20_000_000;
-        frame.context.path = [n as f64; 4];
-        frame.context.smoothed = [-(n as f64); 4];
+        frame.context.path = PathParameters([n as f64; 4]);
+        frame.context.smoothed = PathParameters([-(n as f64); 4]);
         frame.context.outcome = Outcome::Stabilized;
         frame.context.spent_ns = [n * 1_000_000; Stage::ALL.len()];
         frame
@@ -233,7 +233,7 @@ mod tests {
     fn what_is_not_finite_becomes_0_and_the_reply_stays_readable() {
         let history = History::default();
         let mut bad = frame(1);
-        bad.context.path = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300];
+        bad.context.path = PathParameters([f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300]);
         history.add(&bad, f64::NAN);
         let part = history.since(0);
         assert_eq!((part.frames[0].path, part.frames[0].age_ms), ([0.0; 4], 0.0));

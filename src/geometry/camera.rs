@@ -2,18 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::Homography;
-
-/// Yaw, pitch, roll (radians) and log zoom, or a difference of such.
-pub type Pose = [f64; 4];
-/// Index of the yaw in a [`Pose`].
-pub const YAW: usize = 0;
-/// Index of the pitch.
-pub const PITCH: usize = 1;
-/// Index of the roll.
-pub const ROLL: usize = 2;
-/// Index of the logarithm of the zoom.
-pub const ZOOM: usize = 3;
+use super::{Homography, PerChannel, Pose};
 
 /// A camera: focal length, principal point (pixels), and what its lens does.
 ///
@@ -121,7 +110,7 @@ impl Pinhole {
 
     /// Derivative of a pixel by the camera's pose: rows x and y, columns yaw, pitch, roll, log zoom (pixels per radian, pixels).
     #[inline]
-    pub fn derivative(&self, pixel: [f64; 2]) -> [Pose; 2] {
+    pub fn derivative(&self, pixel: [f64; 2]) -> [PerChannel; 2] {
         let seen = self.seen(pixel);
         let ([u, v], f) = (seen.straight, self.focal);
         let uv = u * v / f;
@@ -135,12 +124,11 @@ impl Pinhole {
         let ([u, v], f) = (seen.straight, self.focal);
         let uv = u * v / f;
         let [dx, dy] = [[-(f + u * u / f), uv, v, u], [-uv, f + v * v / f, -u, v]];
-        let dot = |d: Pose| d[0] * change[0] + d[1] * change[1] + d[2] * change[2] + d[3] * change[3];
-        self.through_lens(&seen, [[dot(dx)], [dot(dy)]]).map(|[moved]| moved)
+        self.through_lens(&seen, [[change.dot(&dx)], [change.dot(&dy)]]).map(|[moved]| moved)
     }
 
     /// How [`Pinhole::derivative`], which is given, changes with the logarithm of the focal length, and with k1 in pictures `width` pixels wide.
-    pub fn effects(&self, pixel: [f64; 2], derivative: &[Pose; 2], width: usize) -> [[Pose; 2]; 2] {
+    pub fn effects(&self, pixel: [f64; 2], derivative: &[PerChannel; 2], width: usize) -> [[PerChannel; 2]; 2] {
         const STEP: f64 = 1e-5;
         let seen = self.seen(pixel);
         let ([u, v], f) = (seen.straight, self.focal);
@@ -181,7 +169,7 @@ impl Pinhole {
     /// The homography that takes a pixel to where the same scene point is seen after the camera turned and zoomed by `turn`: the
     /// rotation of rotation vector (pitch, yaw, roll). Both pixels are a pinhole's ([`Pinhole::straight`]).
     pub fn turned(&self, turn: Pose) -> Homography {
-        let [yaw, pitch, roll, zoom] = turn;
+        let Pose([yaw, pitch, roll, zoom]) = turn;
         let rotation = Rotation3::from_scaled_axis(Vector3::new(pitch, yaw, roll));
         let [cx, cy] = self.centre;
         let f = self.focal;
@@ -206,7 +194,7 @@ mod tests {
             let analytic = camera.derivative(pixel);
             for channel in 0..4 {
                 let moved = |step: f64| {
-                    let mut turn = [0.0; 4];
+                    let mut turn = Pose::default();
                     turn[channel] = step;
                     camera.bent(camera.turned(turn).apply(camera.straight(pixel)))
                 };

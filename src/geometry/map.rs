@@ -48,18 +48,13 @@ impl RowPoses {
         let place = (y / self.spacing).clamp(0.0, (Self::SAMPLES - 1) as f64);
         let i = (place as usize).min(Self::SAMPLES - 2);
         let part = place - i as f64;
-        let (a, b) = (&self.samples[i], &self.samples[i + 1]);
-        let mut pose = [0.0; 4];
-        for c in 0..4 {
-            pose[c] = a[c] + (b[c] - a[c]) * part;
-        }
-        pose
+        let (a, b) = (self.samples[i], self.samples[i + 1]);
+        a + (b - a) * part
     }
 
     /// The part `share` (0 to 1) of each pose.
-    pub fn part(mut self, share: f64) -> Self {
-        self.samples.as_flattened_mut().iter_mut().for_each(|value| *value *= share);
-        self
+    pub fn part(self, share: f64) -> Self {
+        Self { samples: self.samples.map(|pose| pose * share), ..self }
     }
 }
 
@@ -123,10 +118,10 @@ mod tests {
 
     #[test]
     fn the_row_that_saw_a_point_is_found() {
-        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
+        let mut rows = RowPoses { samples: [Pose::default(); RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
         for (i, pose) in rows.samples.iter_mut().enumerate() {
             let t = i as f64 / 24.0 - 0.5;
-            *pose = [0.02 * t, 0.015 * t * t, 0.01 * t, 0.003 * t];
+            *pose = Pose([0.02 * t, 0.015 * t * t, 0.01 * t, 0.003 * t]);
         }
         for k1 in [0.0, -0.15] {
             let camera = Pinhole::new([640, 480], 49.0).with_lens(k1, 640);

@@ -5,8 +5,10 @@ mod camera;
 mod homography;
 mod length;
 mod map;
+mod pose;
 
-pub use camera::{Calibration, Estimate, PITCH, Pinhole, Pose, ROLL, YAW, ZOOM};
+pub use camera::{Calibration, Estimate, Pinhole};
 pub use homography::Homography;
 pub use length::hypot;
 pub use map::{OutputMap, RowMotion, RowPoses};
+pub use pose::{PITCH, PerChannel, Pose, ROLL, YAW, ZOOM};

@@ -1,6 +1,6 @@
 //! The words and units under which reports show a model's parameters and a frame's outcome.
 
-use crate::frame::{HoldReason, Outcome, PassReason};
+use crate::frame::{HoldReason, Outcome, PassReason, PathParameters};
 use crate::stage::paper;
 use crate::stage::shutter::Model;
 
@@ -16,7 +16,7 @@ pub struct Axis {
 }
 
 /// A model's parameters at the frame before, and now.
-pub type BeforeAndNow = [[f64; 4]; 2];
+pub type BeforeAndNow = [PathParameters; 2];
 
 /// How a model's four parameters are to be read; those beyond `axes` are not used by it.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ pub struct MotionNames {
     /// Name of the virtual camera's path.
     pub smoothed: &'static str,
     /// Motion that is left between two frames of the output.
-    steadied: fn(BeforeAndNow, BeforeAndNow) -> [f64; 4],
+    steadied: fn(BeforeAndNow, BeforeAndNow) -> PathParameters,
 }
 
 impl MotionNames {
@@ -46,7 +46,7 @@ impl MotionNames {
 
     /// The motion that is left between two frames of the output (eq. (14) for cho2007), from the camera's and the virtual
     /// camera's path, before and now.
-    pub fn steadied(&self, path: BeforeAndNow, smoothed: BeforeAndNow) -> [f64; 4] {
+    pub fn steadied(&self, path: BeforeAndNow, smoothed: BeforeAndNow) -> PathParameters {
         (self.steadied)(path, smoothed)
     }
 }
@@ -75,7 +75,7 @@ const CONTINUOUS: MotionNames = MotionNames {
     ],
     path: "P",
     smoothed: "S",
-    steadied: |_, smoothed| std::array::from_fn(|i| smoothed[1][i] - smoothed[0][i]),
+    steadied: |_, smoothed| PathParameters(std::array::from_fn(|i| smoothed[1][i] - smoothed[0][i])),
 };
 
 /// A frame's outcome and its reason.

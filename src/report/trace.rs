@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use super::names::{MotionNames, outcome_name};
-use crate::frame::Frame;
+use crate::frame::{Frame, PathParameters};
 use crate::image::PictureRef;
 use crate::pipeline::Observer;
 use crate::rt::stop::Stop;
@@ -64,7 +64,7 @@ impl<W: Write> Trace<W> {
         write!(to, "{},{},{time_s},{}", self.index, frame.stamp.sequence, context.interval_s)?;
         let h = &context.fit.homography.0;
         (0..9).try_for_each(|i| write!(to, ",{}", h[(i / 3, i % 3)]))?;
-        for parameters in [&context.motion, &context.path, &context.smoothed] {
+        for PathParameters(parameters) in [context.motion, context.path, context.smoothed] {
             parameters[..self.axes].iter().try_for_each(|value| write!(to, ",{value}"))?;
         }
         let fit = &context.fit;
@@ -107,7 +107,7 @@ mod tests {
         let mut frame = Frame::default();
         for time_ns in [5_000_000_000, 5_040_000_000] {
             frame.stamp.time_ns = time_ns;
-            frame.context.motion = [1.001, -2.5, 0.25, 0.0];
+            frame.context.motion = PathParameters([1.001, -2.5, 0.25, 0.0]);
             let [readout_s, hfov_deg, lens_k1] = [-0.025, 48.5, -0.06].map(Estimate::exact);
             frame.context.calibration = (time_ns > 5_000_000_000).then_some(Calibration { readout_s, hfov_deg, lens_k1 });
             trace.drawn(&frame, Picture::default().as_ref());

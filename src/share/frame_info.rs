@@ -49,8 +49,8 @@ impl FrameInfo {
         Self {
             number,
             time_s: frame.stamp.time_ns as f64 * 1e-9,
-            path: context.path,
-            smoothed: context.smoothed,
+            path: context.path.0,
+            smoothed: context.smoothed.0,
             trust: context.trust,
             confidence: context.confidence,
             crop_use: context.crop_use,

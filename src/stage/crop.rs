@@ -10,8 +10,7 @@ mod bounds;
 
 use nalgebra::Matrix3;
 
-use crate::geometry::{Homography, OutputMap, Pose};
-use bounds::dot;
+use crate::geometry::{Homography, OutputMap, PerChannel, Pose};
 pub use bounds::{Bounds, CORNERS, Corner, Rows};
 
 /// What is done about places that the camera did not see.
@@ -207,8 +206,8 @@ impl Window {
             let (here, rest) = (middle.apply(point), view.apply(point));
             let moved = beside.map(|map| map.apply(point));
             for i in 0..2 {
-                let slope: Pose = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
-                let along = dot(&slope, &near);
+                let slope: PerChannel = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
+                let along = near.dot(&slope);
                 for (sign, slack, slack_still) in
                     [(1.0, limit[i] - here[i], limit[i] - rest[i]), (-1.0, here[i] - least[i], rest[i] - least[i])]
                 {
@@ -273,18 +272,18 @@ mod tests {
         let size = [640, 480];
         let window = Window::new(&Params::default(), size, size);
         let (view, camera) = (window.view(), Pinhole::new(size, 50.0));
-        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
+        let mut rows = RowPoses { samples: [Pose::default(); RowPoses::SAMPLES], spacing: 479.0 / 24.0 };
         for (i, pose) in rows.samples.iter_mut().enumerate() {
             let t = i as f64 / 24.0 - 0.5;
-            *pose = [0.006 * t, 0.004 * t, 0.003 * t, 0.0];
+            *pose = Pose([0.006 * t, 0.004 * t, 0.003 * t, 0.0]);
         }
         let map = |e: Pose| OutputMap::Rows {
             window: Homography::IDENTITY,
-            view: Homography(camera.turned(e.map(|x| -x)).0 * view.0).scaled(),
+            view: Homography(camera.turned(-e).0 * view.0).scaled(),
             camera,
             rows,
         };
-        for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]] {
+        for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]].map(Pose) {
             let bounds = window.bounds(&view, near, map);
             for c in 0..4 {
                 for edge in bounds.interval(c, &near, Rows::Moving) {
@@ -300,7 +299,7 @@ mod tests {
                         "channel {c} of {near:?} at its edge {edge}: reach {off}"
                     );
                 }
-                let [low, high] = bounds.interval(c, &[0.0; 4], Rows::Still);
+                let [low, high] = bounds.interval(c, &Pose::default(), Rows::Still);
                 assert!((high - bounds.alone()[c]).abs().min((low + bounds.alone()[c]).abs()) < 0.2 * bounds.alone()[c]);
             }
         }
@@ -314,8 +313,8 @@ mod tests {
         let camera = Pinhole::new(size, 50.0);
         let alone = |window: &Window| {
             let view = window.view();
-            let map = |e: Pose| OutputMap::Projective(Homography(camera.turned(e.map(|x| -x)).0 * view.0));
-            window.bounds(&view, [0.0; 4], map).alone()
+            let map = |e: Pose| OutputMap::Projective(Homography(camera.turned(-e).0 * view.0));
+            window.bounds(&view, Pose::default(), map).alone()
         };
         // no magnification, and about the room of the largest one
         let [wide, hidden] =

@@ -47,7 +47,7 @@ impl Gains {
 
     /// The correction that is made where the planner wants `wanted`.
     pub fn correction(&self, wanted: Pose) -> Pose {
-        wanted.map(|channel| self.margin * (self.shown() * channel))
+        wanted * self.shown() * self.margin
     }
 }
 
@@ -60,9 +60,9 @@ mod tests {
         let gains = Gains { trust: 0.5, presence: 0.5, agreement: 0.4, rows_margin: 0.5, margin: 0.1 };
         assert_eq!(gains.shown(), 0.25);
         assert!((gains.rows() - 0.05).abs() < 1e-12);
-        assert!((gains.correction([1.0, -2.0, 0.0, 4.0])[3] - 0.1).abs() < 1e-12);
-        let whole = Gains::new(1.0, 1.0, 1.0);
-        assert_eq!((whole.rows(), whole.correction([0.3, -0.1, 0.2, 0.0])), (1.0, [0.3, -0.1, 0.2, 0.0]));
-        assert_eq!(Gains { presence: 0.0, ..whole }.correction([0.3; 4]), [0.0; 4]);
+        assert!((gains.correction(Pose([1.0, -2.0, 0.0, 4.0]))[3] - 0.1).abs() < 1e-12);
+        let (whole, wanted) = (Gains::new(1.0, 1.0, 1.0), Pose([0.3, -0.1, 0.2, 0.0]));
+        assert_eq!((whole.rows(), whole.correction(wanted)), (1.0, wanted));
+        assert_eq!(Gains { presence: 0.0, ..whole }.correction(wanted), Pose([0.0, -0.0, 0.0, 0.0]));
     }
 }

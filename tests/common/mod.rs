@@ -5,7 +5,7 @@ pub mod stamps;
 
 use gimbald::device::synthetic::{self, Synthetic};
 use gimbald::device::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
-use gimbald::frame::{Fit, Frame, FrameFlags, Outcome, Stamp, Track};
+use gimbald::frame::{Fit, Frame, FrameFlags, Outcome, PathParameters, Stamp, Track};
 use gimbald::geometry::{OutputMap, RowMotion};
 use gimbald::image::{Picture, PictureRef, PixelFormat};
 use gimbald::kernel::Level;
@@ -142,9 +142,9 @@ pub struct Seen {
     pub interval_s: f64,
     pub map: OutputMap,
     pub rows: RowMotion,
-    pub motion: [f64; 4],
-    pub path: [f64; 4],
-    pub smoothed: [f64; 4],
+    pub motion: PathParameters,
+    pub path: PathParameters,
+    pub smoothed: PathParameters,
     pub trust: f64,
     pub crop_use: f64,
     pub fit: Fit,

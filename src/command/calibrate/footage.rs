@@ -179,7 +179,7 @@ impl Footage {
             model.observe(Pair { tracks: &mut tracks, fit, interval_s, off_s, is_certain });
             let newest = model.newest();
             let RowMotion::Poses { camera, rows } = newest.rows else { continue };
-            let now = Rows { camera, rows, path: newest.path };
+            let now = Rows { camera, rows, path: model.pose(newest.path) };
             let px = camera.focal * newest.motion[0].hypot(newest.motion[1]);
             squares += px * px;
             moving_s += if px >= MIN_MOTION_PX { pair.interval_s } else { 0.0 };
@@ -210,12 +210,9 @@ impl Rows {
     fn misfit(&self, before: &Self, track: &Track) -> f64 {
         let middle = [0.5 * (track.from[0] + track.to[0]), 0.5 * (track.from[1] + track.to[1])];
         let (sooner, later) = (before.rows.at(track.from[1]), self.rows.at(track.to[1]));
-        let turned: Pose = std::array::from_fn(|c| self.path[c] - before.path[c] + later[c] - sooner[c]);
+        let turned = self.path - before.path + later - sooner;
         let rows = self.camera.derivative(middle);
-        let off = [0, 1].map(|axis: usize| {
-            let said: f64 = rows[axis].iter().zip(turned).map(|(by, turned)| by * turned).sum();
-            track.to[axis] - track.from[axis] - said
-        });
+        let off = [0, 1].map(|axis: usize| track.to[axis] - track.from[axis] - turned.dot(&rows[axis]));
         let square = (off[0] * off[0] + off[1] * off[1]) / (SCALE_PX * SCALE_PX);
         square / (1.0 + square)
     }

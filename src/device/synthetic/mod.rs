@@ -14,6 +14,7 @@ pub use motion::Motion;
 
 use super::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
 use crate::frame::{FrameFlags, Stamp};
+use crate::geometry::Pose;
 use crate::image::{Colour, PixelFormat, Range, Siting};
 use motion::Path;
 use optics::Optics;
@@ -160,7 +161,7 @@ impl Synthetic {
 
     /// Yaw, pitch and roll in radians and log zoom, `t_s` seconds after the first row of the first frame. `Rz(roll) Rx(pitch)
     /// Ry(yaw)` takes rays of the camera (x right, y down, z ahead) to rays of the scene.
-    pub fn pose_at(&self, t_s: f64) -> [f64; 4] {
+    pub fn pose_at(&self, t_s: f64) -> Pose {
         self.path.at(t_s)
     }
 

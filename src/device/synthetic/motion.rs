@@ -1,6 +1,7 @@
 //! How the synthetic camera moves: smooth functions of time, known for every instant, the same for the same seed.
 
 use super::random::Random;
+use crate::geometry::{PITCH, Pose, ROLL, YAW};
 use std::f64::consts::TAU;
 use std::str::FromStr;
 
@@ -110,22 +111,22 @@ impl Path {
     }
 
     /// Yaw, pitch, roll in radians and log zoom at `t` seconds.
-    pub(super) fn at(&self, t: f64) -> [f64; 4] {
-        let mut pose = [0, 1, 2, 3]
-            .map(|axis: usize| self.axes[axis].iter().map(|s| s.amplitude * (TAU * s.hz * t + s.phase).sin()).sum::<f64>());
+    pub(super) fn at(&self, t: f64) -> Pose {
+        let mut pose =
+            Pose::from_fn(|axis| self.axes[axis].iter().map(|s| s.amplitude * (TAU * s.hz * t + s.phase).sin()).sum::<f64>());
         if self.motion == Motion::Desk {
             self.knocks(t, &mut pose);
         }
-        pose = pose.map(|angle| angle * self.gain);
+        pose = pose * self.gain;
         if self.motion == Motion::Pan {
             // What is meant is not shake: the gain leaves it alone.
             let done = ((t - self.pan_start) / 1.6).clamp(0.0, 1.0);
-            pose[0] += (16.0 * done * done * (3.0 - 2.0 * done) - 8.0).to_radians();
+            pose[YAW] += (16.0 * done * done * (3.0 - 2.0 * done) - 8.0).to_radians();
         }
         pose
     }
 
-    fn knocks(&self, t: f64, pose: &mut [f64; 4]) {
+    fn knocks(&self, t: f64, pose: &mut Pose) {
         let latest = (t / EVERY).floor();
         // A knock has died away to a hundredth within two periods.
         for n in [latest - 1.0, latest] {
@@ -138,9 +139,9 @@ impl Path {
             let (yaw, roll) = (random.uniform(-0.5, 0.5), random.uniform(-0.2, 0.2));
             if since > 0.0 {
                 let ring = degrees.to_radians() * (-since / decay).exp() * (TAU * hz * since).sin();
-                pose[0] += yaw * ring;
-                pose[1] += ring;
-                pose[2] += roll * ring;
+                pose[YAW] += yaw * ring;
+                pose[PITCH] += ring;
+                pose[ROLL] += roll * ring;
             }
         }
     }
@@ -178,7 +179,7 @@ mod tests {
         let path = Path::new(Motion::Handheld, 1.0, 3, 5.0);
         let mean = (0..20_000).map(|n| path.at(n as f64 * 0.01)[0].to_degrees().powi(2)).sum::<f64>() / 20_000.0;
         assert!((mean.sqrt() - 0.55).abs() < 0.03, "{}", mean.sqrt());
-        assert_eq!(Path::new(Motion::Still, 1.0, 3, 5.0).at(1.0), [0.0; 4]);
+        assert_eq!(Path::new(Motion::Still, 1.0, 3, 5.0).at(1.0), Pose::default());
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Which ray a pixel of the synthetic camera sees, and which pixel sees a ray.
 
+use crate::geometry::Pose;
+
 /// A pinhole camera that only turns and zooms.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Optics {
@@ -26,7 +28,7 @@ impl Optics {
 
     /// The scene ray (not normalized, ahead is z) that pixel `(x, y)` sees in `pose` (yaw, pitch, roll, log zoom), as a linear
     /// function: the ray of `(0, 0)`, and what each pixel to the right and down adds.
-    pub(super) fn rays(&self, [yaw, pitch, roll, zoom]: [f64; 4]) -> [[f64; 3]; 3] {
+    pub(super) fn rays(&self, Pose([yaw, pitch, roll, zoom]): Pose) -> [[f64; 3]; 3] {
         let r = rotation([yaw, pitch, roll]);
         let focal = self.focal * zoom.exp();
         let right = r.map(|row| row[0] / focal);
@@ -36,7 +38,7 @@ impl Optics {
     }
 
     /// The pixel that sees scene ray `ray` in `pose`; `None` where it lies behind the camera.
-    pub(super) fn project(&self, ray: [f64; 3], [yaw, pitch, roll, zoom]: [f64; 4]) -> Option<[f64; 2]> {
+    pub(super) fn project(&self, ray: [f64; 3], Pose([yaw, pitch, roll, zoom]): Pose) -> Option<[f64; 2]> {
         let r = rotation([yaw, pitch, roll]);
         let [x, y, z] = [0, 1, 2].map(|c: usize| r[0][c] * ray[0] + r[1][c] * ray[1] + r[2][c] * ray[2]);
         let focal = self.focal * zoom.exp();
@@ -52,14 +54,14 @@ mod tests {
     fn a_ray_comes_back_to_its_pixel() {
         let optics = Optics::new(640, 480, 60.0);
         assert!((optics.focal - 320.0 * 3.0_f64.sqrt()).abs() < 1e-9);
-        let pose = [0.1, -0.07, 0.2, 0.05];
+        let pose = Pose([0.1, -0.07, 0.2, 0.05]);
         let [origin, right, down] = optics.rays(pose);
         for [x, y] in [[0.0, 0.0], [639.0, 479.0], [12.5, 300.25]] {
             let ray = [0, 1, 2].map(|n: usize| origin[n] + x * right[n] + y * down[n]);
             let [px, py] = optics.project(ray, pose).unwrap();
             assert!((px - x).abs() < 1e-9 && (py - y).abs() < 1e-9, "{px} {py}");
         }
-        assert_eq!(optics.project([0.0, 0.0, -1.0], [0.0; 4]), None);
+        assert_eq!(optics.project([0.0, 0.0, -1.0], Pose::default()), None);
     }
 
     #[test]

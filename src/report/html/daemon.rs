@@ -9,14 +9,14 @@ use super::sections::{cost, fact, motion, page, path, remaining_shake, settings,
 use super::{Journal, Sample};
 use crate::config::{Key, Kind, Settings, keys};
 use crate::control::{CameraInfo, Found, FrameRecord, Status};
-use crate::frame::Outcome;
+use crate::frame::{Outcome, PathParameters};
 use crate::report::{EncodedPair, MotionNames, Stats};
 
 /// Seconds that are shown.
 const SHOWN_S: f64 = 60.0;
 /// Two frames further apart than this (seconds) are not joined by a line: the camera was closed, or gave nothing.
 const GAP_S: f64 = 1.0;
-const UNKNOWN: [f64; 4] = [f64::NAN; 4];
+const UNKNOWN: PathParameters = PathParameters([f64::NAN; 4]);
 
 /// What the page is made of.
 #[derive(Clone, Copy, Debug)]
@@ -124,10 +124,11 @@ fn journal(records: &[FrameRecord], settings: &Settings) -> Journal {
             Some((last, _)) if record.time_s - last.time_s > GAP_S => {
                 let mut gap = sample;
                 gap.time_ns = sample.time_ns - 1_000_000;
-                for unknown in [&mut gap.path, &mut gap.smoothed, &mut gap.motion, &mut gap.crop_shares] {
+                for unknown in [&mut gap.path, &mut gap.smoothed, &mut gap.motion] {
                     *unknown = UNKNOWN;
                 }
-                [gap.trust, gap.confidence, gap.crop_use, gap.spent_ms] = UNKNOWN;
+                gap.crop_shares = UNKNOWN.0;
+                [gap.trust, gap.confidence, gap.crop_use, gap.spent_ms] = UNKNOWN.0;
                 samples.push(gap);
                 sample.motion = UNKNOWN;
             }
@@ -153,10 +154,10 @@ fn sample(record: &FrameRecord) -> Sample {
         time_ns: (record.time_s * 1e9) as i64,
         interval_s: f64::from(record.interval_s),
         outcome: record.outcome(),
-        motion: four(record.motion),
+        motion: PathParameters(four(record.motion)),
         steadied: UNKNOWN,
-        path: four(record.path),
-        smoothed: four(record.smoothed),
+        path: PathParameters(four(record.path)),
+        smoothed: PathParameters(four(record.smoothed)),
         sheared: [f64::NAN; 2],
         calibration: None,
         tracks: record.tracks as u32,

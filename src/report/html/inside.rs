@@ -219,20 +219,21 @@ impl Plots<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Estimate, Pinhole};
+    use crate::frame::PathParameters;
+    use crate::geometry::{Estimate, Pinhole, Pose};
     use crate::image::{Picture, Sampling};
     use crate::stage::paper::Zoom;
 
     fn frame(bend: f64) -> Frame {
         let mut frame = Frame { picture: Picture::new(Sampling::Mono, 64, 48), intact: true, ..Frame::default() };
-        let mut rows = RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 47.0 / 24.0 };
+        let mut rows = RowPoses { samples: [Pose::default(); RowPoses::SAMPLES], spacing: 47.0 / 24.0 };
         for (i, pose) in rows.samples.iter_mut().enumerate() {
             let part = i as f64 / 24.0 - 0.5;
-            *pose = [-0.02 * part, 0.01 * part + bend * (part * part), 0.0, 0.0];
+            *pose = Pose([-0.02 * part, 0.01 * part + bend * (part * part), 0.0, 0.0]);
         }
         frame.context.rows = RowMotion::Poses { camera: Pinhole { focal: 100.0, centre: [31.5, 23.5], bend: 0.0 }, rows };
         frame.context.interval_s = 0.04;
-        frame.context.motion = [-0.04, 0.02, 0.0, 0.0];
+        frame.context.motion = PathParameters([-0.04, 0.02, 0.0, 0.0]);
         frame.context.calibration = Some(Calibration { readout_s: Estimate::exact(0.02), ..Calibration::default() });
         frame
     }

@@ -16,8 +16,8 @@ use super::Stats;
 use super::names::MotionNames;
 use crate::config::Settings;
 use crate::device::StreamFormat;
-use crate::frame::{Frame, Outcome};
-use crate::geometry::{Calibration, Pose};
+use crate::frame::{Frame, Outcome, PathParameters};
+use crate::geometry::{Calibration, PerChannel};
 use crate::image::PictureRef;
 use crate::pipeline::{Observer, Totals};
 
@@ -58,10 +58,10 @@ struct Sample {
     interval_s: f64,
     outcome: Outcome,
     /// Motion of the camera since the frame before, and what is left of it in the output; not finite where unknown.
-    motion: [f64; 4],
-    steadied: [f64; 4],
-    path: [f64; 4],
-    smoothed: [f64; 4],
+    motion: PathParameters,
+    steadied: PathParameters,
+    path: PathParameters,
+    smoothed: PathParameters,
     /// Motion of the last row against the first, x and y, pixels.
     sheared: [f64; 2],
     calibration: Option<Calibration>,
@@ -70,7 +70,7 @@ struct Sample {
     confidence: f64,
     trust: f64,
     crop_use: f64,
-    crop_shares: Pose,
+    crop_shares: PerChannel,
     spent_ms: f64,
 }
 
@@ -96,7 +96,7 @@ impl Report {
     /// What `frame` says, and what the frame before it lets it say.
     fn sample(&self, frame: &Frame) -> Sample {
         let context = &frame.context;
-        let unknown = [f64::NAN; 4];
+        let unknown = PathParameters([f64::NAN; 4]);
         // A picture shown again moved nothing and measured nothing.
         let held = matches!(context.outcome, Outcome::Held(_));
         let (motion, path, smoothed) =

@@ -6,14 +6,14 @@ use super::plot::{Plot, Series};
 use super::svg::{TIME_AXIS, rounded};
 use super::{Journal, Sample};
 use crate::config::{Key, Settings, keys};
-use crate::frame::{Outcome, Stage};
+use crate::frame::{Outcome, PathParameters, Stage};
 use crate::geometry::{PITCH, ROLL, YAW};
 use crate::report::Stats;
 use crate::report::names::{Axis, outcome_name};
 use crate::stage::shutter::Model;
 
 /// Which four parameters of a frame a line shows.
-type Of = fn(&Sample) -> [f64; 4];
+type Of = fn(&Sample) -> PathParameters;
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("player.js");
@@ -286,7 +286,7 @@ fn lines(journal: &Journal, axis: usize, series: &[(String, &'static str, Of)]) 
 }
 
 /// Root mean square of the change of a motion from one frame to the next; not finite where there are no two frames.
-pub(super) fn jerkiness(journal: &Journal, axis: usize, of: impl Fn(&Sample) -> [f64; 4]) -> f64 {
+pub(super) fn jerkiness(journal: &Journal, axis: usize, of: impl Fn(&Sample) -> PathParameters) -> f64 {
     let changes =
         journal.samples.windows(2).map(|pair| of(&pair[1])[axis] - of(&pair[0])[axis]).filter(|change| change.is_finite());
     let (sum, count) = changes.fold((0.0, 0u64), |(sum, count), change| (sum + change * change, count + 1));

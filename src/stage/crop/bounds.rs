@@ -4,7 +4,7 @@
 //! output's outline must stay inside of the picture, left, right, above and below; near a correction that is a plane:
 //! `normal . correction <= slack`, in pixels.
 
-use crate::geometry::{PITCH, Pose, ROLL, YAW};
+use crate::geometry::{PITCH, PerChannel, Pose, ROLL, YAW};
 
 /// Half-spaces at most: two ways along each axis for each point of the outline.
 pub(super) const MAX_PLANES: usize = 4 * super::PER_SIDE * 4;
@@ -18,7 +18,7 @@ const MAX_MOVES: usize = 16;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Corner {
     /// Pixels to a channel's unit.
-    pub normal: Pose,
+    pub normal: PerChannel,
     /// Pixels.
     pub slack: f64,
 }
@@ -28,13 +28,13 @@ pub struct Corner {
 pub struct Bounds {
     planes: [HalfSpace; MAX_PLANES],
     count: usize,
-    alone: Pose,
+    alone: PerChannel,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct HalfSpace {
     /// Pixels to a channel's unit.
-    normal: Pose,
+    normal: PerChannel,
     /// Pixels: with the rows' motion as it is, and without.
     slack: [f64; 2],
 }
@@ -47,7 +47,7 @@ impl HalfSpace {
 
     /// The share of them that `correction` takes.
     fn share(&self, correction: &Pose) -> f64 {
-        dot(&self.normal, correction) / self.margin()
+        correction.dot(&self.normal) / self.margin()
     }
 }
 
@@ -69,7 +69,7 @@ impl Default for Bounds {
 
 impl Bounds {
     /// Adds a half-space. `slack` is with the rows' motion, `slack_still` without.
-    pub fn add(&mut self, normal: Pose, slack: f64, slack_still: f64) {
+    pub fn add(&mut self, normal: PerChannel, slack: f64, slack_still: f64) {
         if self.count < MAX_PLANES {
             self.planes[self.count] = HalfSpace { normal, slack: [slack.max(0.0), slack_still.max(0.0)] };
             self.count += 1;
@@ -86,7 +86,7 @@ impl Bounds {
     }
 
     /// Largest correction of each channel while the others are 0 and the rows are still; infinite for a channel that moves nothing.
-    pub fn alone(&self) -> Pose {
+    pub fn alone(&self) -> PerChannel {
         self.alone
     }
 
@@ -101,7 +101,7 @@ impl Bounds {
                 continue;
             }
             let slope = plane.normal[channel];
-            let left = (plane.slack[rows as usize] - dot(&plane.normal, correction) + slope * correction[channel]).max(0.0);
+            let left = (plane.slack[rows as usize] - correction.dot(&plane.normal) + slope * correction[channel]).max(0.0);
             if slope > 1e-9 {
                 high = high.min(left / slope);
             } else if slope < -1e-9 {
@@ -138,18 +138,18 @@ impl Bounds {
 
     /// The correction nearest to `correction` that uses at most `part` of the margin, almost: it is moved to the plane that it is farthest
     /// beyond, and so on. Distances are in pixels, `scale` to a channel's unit; infinite for a channel that is not to move.
-    pub fn nearest(&self, mut correction: Pose, part: f64, scale: &Pose) -> Pose {
+    pub fn nearest(&self, mut correction: Pose, part: f64, scale: &PerChannel) -> Pose {
         for _ in 0..MAX_MOVES {
-            let beyond = |plane: &HalfSpace| dot(&plane.normal, &correction) - part * plane.slack[Rows::Moving as usize];
+            let beyond = |plane: &HalfSpace| correction.dot(&plane.normal) - part * plane.slack[Rows::Moving as usize];
             let farthest = self.planes().iter().map(|plane| (beyond(plane), plane)).max_by(|a, b| a.0.total_cmp(&b.0));
             let Some((over, HalfSpace { normal, .. })) = farthest.filter(|(over, _)| *over > 1e-9) else { break };
-            let way: Pose = std::array::from_fn(|c| normal[c] / (scale[c] * scale[c]));
-            let length = dot(normal, &way);
+            let way = Pose::from_fn(|c| normal[c] / (scale[c] * scale[c]));
+            let length = way.dot(normal);
             if length <= 0.0 {
                 break;
             }
-            for (value, way) in correction.iter_mut().zip(way) {
-                *value -= way * over / length;
+            for c in 0..4 {
+                correction[c] -= way[c] * over / length;
             }
         }
         correction
@@ -162,15 +162,11 @@ impl Bounds {
 
     /// What each channel of a correction takes of the margin where least of it is left; the sum is [`Bounds::crop_use`], and a channel
     /// that makes room there is negative.
-    pub fn crop_shares(&self, correction: &Pose) -> Pose {
+    pub fn crop_shares(&self, correction: &Pose) -> PerChannel {
         let fullest = self.planes().iter().max_by(|a, b| a.share(correction).total_cmp(&b.share(correction)));
         let Some(plane) = fullest.filter(|plane| plane.share(correction) > 0.0) else { return [0.0; 4] };
         std::array::from_fn(|c| plane.normal[c] * correction[c] / plane.margin())
     }
-}
-
-pub(super) fn dot(a: &Pose, b: &Pose) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
 #[cfg(test)]
@@ -187,7 +183,7 @@ mod tests {
             bounds.add([0.0, y, 0.5 * x, 0.0], 18.0, 20.0);
         }
         assert_eq!(bounds.alone(), [30.0, 20.0, 40.0, f64::INFINITY]);
-        let correction = [20.0, -5.0, 8.0, 0.0];
+        let correction = Pose([20.0, -5.0, 8.0, 0.0]);
         assert_eq!(bounds.interval(YAW, &correction, Rows::Still), [-26.0, 26.0]);
         assert_eq!(bounds.interval(PITCH, &correction, Rows::Moving), [-14.0, 14.0]);
         assert_eq!(bounds.interval(ROLL, &correction, Rows::Still), [-20.0, 20.0]);
@@ -196,9 +192,9 @@ mod tests {
         let shares = bounds.crop_shares(&correction);
         assert!((shares[YAW] - 20.0 / 27.0).abs() < 1e-12 && (shares[ROLL] - 4.0 / 27.0).abs() < 1e-12, "{shares:?}");
         assert_eq!([shares[PITCH], shares[ZOOM]], [0.0, 0.0]);
-        assert_eq!(bounds.crop_shares(&[0.0; 4]), [0.0; 4]);
+        assert_eq!(bounds.crop_shares(&Pose::default()), [0.0; 4]);
         // yaw is at its bound where roll leaves 26 of 30; pitch is not asked
-        assert_eq!(bounds.interval(YAW, &[0.0, 20.0, 8.0, 0.0], Rows::Still), [-26.0, 26.0]);
+        assert_eq!(bounds.interval(YAW, &Pose([0.0, 20.0, 8.0, 0.0]), Rows::Still), [-26.0, 26.0]);
     }
 
     #[test]
@@ -209,17 +205,17 @@ mod tests {
             bounds.add([0.0, y, x, 0.0], 20.0, 20.0);
         }
         let scale = [1.0, 1.0, 2.0, 1.0];
-        let inside = [12.0, -9.0, 8.0, 0.0];
+        let inside = Pose([12.0, -9.0, 8.0, 0.0]);
         assert_eq!(bounds.nearest(inside, 1.0, &scale), inside);
         for k in 0..200 {
             let t = f64::from(k);
-            let far = [90.0 * (0.7 * t).sin(), 70.0 * (1.1 * t).cos(), 50.0 * (0.3 * t).sin(), 0.0];
+            let far = Pose([90.0 * (0.7 * t).sin(), 70.0 * (1.1 * t).cos(), 50.0 * (0.3 * t).sin(), 0.0]);
             let near = bounds.nearest(far, 0.9, &scale);
             // what is left is for the scale that the smoother applies last
             assert!(bounds.crop_use(&near) < 0.95, "{far:?} to {near:?}: {}", bounds.crop_use(&near));
         }
         // straight beyond one plane, each channel gives way by what it moves for its distance
-        let [yaw, _, roll, _] = bounds.nearest([35.0, 0.0, 0.0, 0.0], 1.0, &[1.0; 4]);
+        let Pose([yaw, _, roll, _]) = bounds.nearest(Pose([35.0, 0.0, 0.0, 0.0]), 1.0, &[1.0; 4]);
         assert!((yaw - 30.0).abs() < 1e-6 && roll.abs() < 1e-6, "{yaw} {roll}");
         assert_eq!(bounds.corners().map(|corner| corner.slack), [30.0, 30.0, 30.0, 30.0, 20.0, 20.0, 20.0, 20.0]);
     }

@@ -7,6 +7,7 @@
 use nalgebra::Matrix3;
 
 use super::Zoom;
+use crate::frame::PathParameters;
 use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion};
 use crate::stage::shutter::{Motion, Pair, Parameters, Prior, RowSpan};
 
@@ -130,21 +131,21 @@ impl Cho2007 {
     }
 
     /// As [`crate::stage::shutter::Shutter::pose`]: the pixel of the path's first frame that is at the centre now (x, y), 0, the log of a.
-    pub fn pose(&self, path: [f64; 4]) -> Pose {
+    pub fn pose(&self, path: PathParameters) -> Pose {
         let Zoom { a, c, d } = zoom(path);
         let [x, y] = self.camera.centre;
-        [(x - c) / a, (y - d) / a, 0.0, a.ln()]
+        Pose([(x - c) / a, (y - d) / a, 0.0, a.ln()])
     }
 
     /// As [`crate::stage::shutter::Shutter::path`].
-    pub fn path(&self, [x0, y0, _, log]: Pose) -> [f64; 4] {
+    pub fn path(&self, Pose([x0, y0, _, log]): Pose) -> PathParameters {
         let a = log.exp();
         let [x, y] = self.camera.centre;
-        [a, x - a * x0, y - a * y0, 0.0]
+        PathParameters([a, x - a * x0, y - a * y0, 0.0])
     }
 
     /// As [`crate::stage::shutter::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).
-    pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
+    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
         let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
         let correction = correction(zoom(motion.path), zoom(smoothed), &self.camera);
         let distortion = undistortion(Zoom::of(&within).part(strength), rows).inverse().unwrap_or_default();
@@ -166,11 +167,11 @@ fn rest(rows: f64) -> Motion {
 }
 
 /// a, c, d as the four parameters that travel with a frame.
-fn parameters(zoom: Zoom) -> [f64; 4] {
-    [zoom.a, zoom.c, zoom.d, 0.0]
+fn parameters(zoom: Zoom) -> PathParameters {
+    PathParameters([zoom.a, zoom.c, zoom.d, 0.0])
 }
 
-fn zoom([a, c, d, _]: [f64; 4]) -> Zoom {
+fn zoom(PathParameters([a, c, d, _]): PathParameters) -> Zoom {
     Zoom { a, c, d }
 }
 
@@ -182,12 +183,12 @@ fn correction(path: Zoom, smoothed: Zoom, camera: &Pinhole) -> Homography {
     let back = path.after(smoothed.inverse());
     let [x, y] = camera.centre;
     let moved = [back.a * x + back.c - x, back.a * y + back.d - y];
-    camera.turned([-(moved[0] / camera.focal).atan(), (moved[1] / camera.focal).atan(), 0.0, back.a.max(1e-3).ln()])
+    camera.turned(Pose([-(moved[0] / camera.focal).atan(), (moved[1] / camera.focal).atan(), 0.0, back.a.max(1e-3).ln()]))
 }
 
 /// eq. (14): the motion that is left in the stabilized frames, `T^s_t = W_{t+1} T_t W_t^-1`, for frames whose paths are `u` and
 /// smoothed paths `s`, before and now.
-pub fn stabilized_motion(u: [[f64; 4]; 2], s: [[f64; 4]; 2]) -> [f64; 4] {
+pub fn stabilized_motion(u: [PathParameters; 2], s: [PathParameters; 2]) -> PathParameters {
     let w = |i: usize| zoom(s[i]).after(zoom(u[i]).inverse());
     let t = zoom(u[1]).after(zoom(u[0]).inverse());
     parameters(w(1).after(t).after(w(0).inverse()))
@@ -257,8 +258,8 @@ mod tests {
 
     #[test]
     fn the_smoothed_motion_of_a_still_path_is_nothing() {
-        let u = [[1.0, 3.0, 4.0, 0.0], [1.0, 5.0, 1.0, 0.0]];
-        let s = [[1.0, 2.0, 2.0, 0.0]; 2];
+        let u = [[1.0, 3.0, 4.0, 0.0], [1.0, 5.0, 1.0, 0.0]].map(PathParameters);
+        let s = [PathParameters([1.0, 2.0, 2.0, 0.0]); 2];
         let left = stabilized_motion(u, s);
         assert!((left[0] - 1.0).abs() < 1e-12 && left[1].abs() < 1e-12 && left[2].abs() < 1e-12, "{left:?}");
     }

@@ -6,7 +6,7 @@
 pub mod certainty;
 pub mod continuous;
 
-use crate::frame::{Fit, Track};
+use crate::frame::{Fit, PathParameters, Track};
 use crate::geometry::{Calibration, Estimate, Homography, OutputMap, Pose, RowMotion};
 
 use crate::kernel::Level;
@@ -141,11 +141,11 @@ pub struct Motion {
     /// Motion of the rows within the frame.
     pub rows: RowMotion,
     /// Motion since the frame before, the model's own four parameters.
-    pub motion: [f64; 4],
+    pub motion: PathParameters,
     /// The camera's path at the frame's reference time, the model's own four parameters.
-    pub path: [f64; 4],
+    pub path: PathParameters,
     /// The same where the reading of the frame begins and ends.
-    pub ends: RowSpan<[f64; 4]>,
+    pub ends: RowSpan<PathParameters>,
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
     /// The part of the rows' motion that is to be undone, 0 to 1.
@@ -225,24 +225,24 @@ impl Shutter {
     }
 
     /// A path's parameters as ones that do not mix zoom and place: what turns and what zooms, each for itself.
-    pub fn pose(&self, path: [f64; 4]) -> Pose {
+    pub fn pose(&self, path: PathParameters) -> Pose {
         match self {
             Self::Cho2007(model) => model.pose(path),
-            Self::Continuous(_) => path,
+            Self::Continuous(_) => Pose(path.0),
         }
     }
 
     /// The path's parameters for what [`Shutter::pose`] gave.
-    pub fn path(&self, pose: Pose) -> [f64; 4] {
+    pub fn path(&self, pose: Pose) -> PathParameters {
         match self {
             Self::Cho2007(model) => model.path(pose),
-            Self::Continuous(_) => pose,
+            Self::Continuous(_) => PathParameters(pose.0),
         }
     }
 
     /// Where output pixels come from, for a frame with the given motion. `smoothed` is the virtual camera's path, `strength`
     /// the part of the rows' motion that is undone (0 to 1), `view` takes output pixels to the virtual camera's.
-    pub fn map(&self, motion: &Motion, smoothed: [f64; 4], strength: f64, view: &Homography) -> OutputMap {
+    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
         match self {
             Self::Cho2007(model) => model.map(motion, smoothed, strength, view),
             Self::Continuous(_) => continuous::map(motion, smoothed, strength, view),

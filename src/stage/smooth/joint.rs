@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 use super::Tuning;
 use super::forecast::AHEAD;
 use super::plan::{self, Ahead, BAND, Motion};
-use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM, hypot};
+use crate::geometry::{PITCH, PerChannel, Pose, ROLL, YAW, ZOOM, hypot};
 use crate::stage::crop::{Bounds, CORNERS, Corner};
 
 /// Channels that are planned: yaw, pitch and roll.
@@ -126,7 +126,7 @@ impl Planner {
         self.plan = Some(places.map(|place| std::array::from_fn(|c| at.camera[c] + place[c] * unit[c])));
         let wanted: [f64; C] = std::array::from_fn(|c| places[0][c] * unit[c]);
         let ([yaw, pitch, roll], most) = (wanted, at.limit[ROLL]);
-        let near = at.bounds.nearest([yaw, pitch, roll.clamp(-most, most), at.zoom], at.part, &window.pixels());
+        let near = at.bounds.nearest(Pose([yaw, pitch, roll.clamp(-most, most), at.zoom]), at.part, &window.pixels());
         Some(Planned { wanted, inside: [near[YAW], near[PITCH], near[ROLL]] })
     }
 
@@ -172,7 +172,7 @@ impl Window {
     }
 
     /// Pixels to a unit of the path, for distances between corrections; the zoom does not move.
-    fn pixels(&self) -> Pose {
+    fn pixels(&self) -> PerChannel {
         let [yaw, pitch, roll] = self.scale;
         [yaw, pitch, roll, f64::INFINITY]
     }

@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 use super::crop::{Bounds, Rows};
 use super::paper::low_pass as iir;
 use super::shutter::RowSpan;
-use crate::geometry::{PITCH, Pose, ROLL, YAW, ZOOM};
+use crate::geometry::{PITCH, PerChannel, Pose, ROLL, YAW, ZOOM};
 use adaptive::StepInput;
 use forecast::Forecast;
 use joint::{JointInput, Planned};
@@ -84,7 +84,7 @@ pub struct Smoother {
     observed: bool,
     begun: bool,
     /// The largest correction of each channel at full strength, as it was last; infinite for one that moves nothing.
-    limit: Pose,
+    limit: PerChannel,
     channels: [Channel; 4],
     /// The plan of the channels together, and the share of the time for which the window was full of late.
     planner: joint::Planner,
@@ -165,7 +165,7 @@ impl Smoother {
 
     /// The correction that the frame before got.
     pub fn correction(&self) -> Pose {
-        if self.begun { std::array::from_fn(|c| self.channels[c].correction()) } else { [0.0; 4] }
+        if self.begun { Pose::from_fn(|c| self.channels[c].correction()) } else { Pose::default() }
     }
 
     /// The virtual camera's place after `interval_s` seconds in which the camera went to `camera`, inside of `bounds`. What was observed
@@ -175,7 +175,7 @@ impl Smoother {
         self.limit = std::array::from_fn(|c| alone[c] * SHARE[c]);
         if !self.begun {
             self.begun = true;
-            for (channel, camera) in self.channels.iter_mut().zip(camera) {
+            for (channel, camera) in self.channels.iter_mut().zip(camera.0) {
                 channel.follow(camera);
             }
             return camera;
@@ -219,7 +219,7 @@ impl Smoother {
         }
         let full = if crop_use > self.tuning.full_use * self.part() { 1.0 } else { 0.0 };
         self.fullness += (full - self.fullness) * (1.0 - (-interval_s / self.tuning.full_s).exp());
-        std::array::from_fn(|c| self.channels[c].place)
+        Pose::from_fn(|c| self.channels[c].place)
     }
 
     /// How far the virtual camera goes from where the channels' own plans lead to where the plan of all of them together leads: 0 to 1, by how
@@ -238,7 +238,7 @@ impl Smoother {
         };
         let (tuning, part) = (self.tuning.joint(), self.part());
         let limit = std::array::from_fn(|c| if planned(c) { self.limit[c] * part } else { 0.0 });
-        let camera = std::array::from_fn(|c| self.channels[c].camera);
+        let camera = Pose::from_fn(|c| self.channels[c].camera);
         let ahead = std::array::from_fn(|c| match limit[c] > 0.0 {
             true => {
                 let edges = [-limit[c], limit[c]];

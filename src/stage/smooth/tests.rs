@@ -8,7 +8,7 @@ fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f6
     let mut smoother = Smoother::new(&Params { mode: Mode::Iir, cutoff_hz, ..Params::default() });
     let mut out = 0.0;
     for k in 0..=(rate * seconds) as usize {
-        out = step(&mut smoother, [path(k as f64 / rate); 4], 1.0 / rate, &wide())[0];
+        out = step(&mut smoother, Pose([path(k as f64 / rate); 4]), 1.0 / rate, &wide())[0];
     }
     out
 }
@@ -58,7 +58,7 @@ fn a_sine_at_the_cutoff_loses_three_decibels() {
     let mut most = 0.0f64;
     for k in 0..3000 {
         let t = k as f64 / 200.0;
-        let out = step(&mut smoother, [(TAU * 0.6 * t).sin(); 4], 0.005, &wide())[0];
+        let out = step(&mut smoother, Pose([(TAU * 0.6 * t).sin(); 4]), 0.005, &wide())[0];
         if t > 10.0 {
             most = most.max(out);
         }
@@ -79,36 +79,36 @@ fn window() -> Bounds {
 }
 
 /// The virtual camera's path for the camera's, both pixels.
-fn follow(params: Params, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+fn follow(params: Params, rate: f64, seconds: f64, path: impl Fn(f64) -> [f64; 4]) -> Vec<(Pose, Pose)> {
     let mut smoother = Smoother::new(&params);
     let bounds = window();
     (0..(rate * seconds) as usize)
         .map(|k| {
-            let camera = path(k as f64 / rate);
+            let camera = Pose(path(k as f64 / rate));
             (camera, step(&mut smoother, camera, if k > 0 { 1.0 / rate } else { 0.0 }, &bounds))
         })
         .collect()
 }
 
 /// The same where frames may be so many late.
-fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> [f64; 4]) -> Vec<(Pose, Pose)> {
     let (mut smoother, bounds) = (Smoother::new(&Params::default()), window());
     let interval = |k: usize| if k > 0 { 1.0 / rate } else { 0.0 };
     let (count, mut seen) = ((rate * seconds) as usize, 0);
     (0..count)
         .map(|k| {
             while seen < count && seen <= k + late {
-                smoother.observe(path(seen as f64 / rate), interval(seen), RowSpan::default());
+                smoother.observe(Pose(path(seen as f64 / rate)), interval(seen), RowSpan::default());
                 seen += 1;
             }
-            let camera = path(k as f64 / rate);
+            let camera = Pose(path(k as f64 / rate));
             (camera, smoother.step(camera, interval(k), (seen - 1 - k) as f64 / rate, &bounds))
         })
         .collect()
 }
 
 /// Sums of sines from 0.2 to 8 Hz, of about `rms` pixels, and a slow drift.
-fn shake(seed: u64, rms: f64) -> impl Fn(f64) -> Pose {
+fn shake(seed: u64, rms: f64) -> impl Fn(f64) -> [f64; 4] {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut random = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -140,7 +140,7 @@ fn nothing_ever_leaves_the_window() {
                     let params = Params { mode, strength, ..Params::default() };
                     let rms = [3.0, 10.0, 40.0, 150.0][seed as usize % 4];
                     for (camera, place) in follow(params, rate, 5.0, shake(seed, rms)) {
-                        let crop_use = window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+                        let crop_use = window().crop_use(&(place - camera));
                         assert!(crop_use <= 1.0, "seed {seed}, {rate} fps, {mode:?}: {crop_use}");
                     }
                 }
@@ -157,7 +157,7 @@ fn look_ahead_leaves_the_window_never_and_is_steadier_the_farther_it_looks() {
         for (late_s, sum) in [0.0, 0.1, 0.4].into_iter().zip(&mut sums) {
             let path = follow_late((late_s * rate) as usize, rate, 8.0, shake(seed, [3.0, 8.0, 15.0, 40.0][seed as usize % 4]));
             for (camera, place) in &path {
-                let crop_use = window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+                let crop_use = window().crop_use(&(*place - *camera));
                 assert!(crop_use <= 1.0, "seed {seed}, {late_s} s: {crop_use}");
             }
             let rms = |which: fn(&(Pose, Pose)) -> Pose| {
@@ -184,7 +184,7 @@ fn what_only_shakes_is_held_still() {
         let found = held[rate as usize].1;
         let off = |place: &Pose, from: &Pose| (0..4).map(|c| (place[c] - from[c]).abs()).fold(0.0, f64::max);
         let (first, after) = held.split_at(rate as usize);
-        let [first, after] = [(first, [0.0; 4]), (after, found)]
+        let [first, after] = [(first, Pose::default()), (after, found)]
             .map(|(part, from)| part.iter().map(|(_, place)| off(place, &from)).fold(0.0, f64::max));
         assert!(first < 2.0 && after < 0.1, "{rate} fps: {first} px in the first second, {after} px after");
     }
@@ -316,7 +316,7 @@ fn strength_and_mode_glide() {
         if k % 90 == 89 {
             smoother.set_params(&changes[k / 90 % 4]);
         }
-        let camera = path(k as f64 / 30.0);
+        let camera = Pose(path(k as f64 / 30.0));
         let place = step(&mut smoother, camera, 1.0 / 30.0, &bounds);
         if let Some((camera_before, before)) = last {
             // a correction is given up within a second: no faster than a few pixels a frame
@@ -328,11 +328,11 @@ fn strength_and_mode_glide() {
 }
 
 /// What the channels' own plans make of a path; no window ever counts as full.
-fn follow_alone(path: impl Fn(f64) -> Pose) -> Vec<(Pose, Pose)> {
+fn follow_alone(path: impl Fn(f64) -> [f64; 4]) -> Vec<(Pose, Pose)> {
     let never = Tuning { full_from: 2.0, full_to: 3.0, ..Tuning::default() };
     let (mut smoother, bounds) = (Smoother::tuned(&Params::default(), &never), window());
     let place = |k: usize| {
-        let camera = path(k as f64 / 30.0);
+        let camera = Pose(path(k as f64 / 30.0));
         (camera, step(&mut smoother, camera, if k > 0 { 1.0 / 30.0 } else { 0.0 }, &bounds))
     };
     (0..360).map(place).collect()
@@ -344,7 +344,7 @@ fn the_channels_are_planned_together_only_where_the_window_is_full() {
     for seed in 0..30 {
         let rms = [1.0, 4.0, 25.0][seed as usize % 3];
         let (path, alone) = (follow(Params::default(), 30.0, 12.0, shake(seed, rms)), follow_alone(shake(seed, rms)));
-        let crop_use = |(camera, place): &(Pose, Pose)| window().crop_use(&std::array::from_fn(|c| place[c] - camera[c]));
+        let crop_use = |(camera, place): &(Pose, Pose)| window().crop_use(&(*place - *camera));
         let full = alone.iter().position(|frame| crop_use(frame) > Tuning::default().full_use);
         let first = path.iter().zip(&alone).position(|(a, b)| a.1 != b.1);
         assert!(

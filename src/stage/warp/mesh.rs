@@ -39,7 +39,7 @@ pub(super) fn mesh(map: &OutputMap) -> Mesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pinhole;
+    use crate::geometry::{Pinhole, Pose};
     use crate::kernel::{Level, warp};
 
     #[test]
@@ -47,9 +47,9 @@ mod tests {
         let camera = Pinhole::new([1920, 1080], 70.0);
         let samples = std::array::from_fn(|i| {
             let t = i as f64 / 24.0 - 0.5;
-            [0.03 * t, -0.04 * t * t, 0.02 * t, 0.004 * t]
+            Pose([0.03 * t, -0.04 * t * t, 0.02 * t, 0.004 * t])
         });
-        let view = camera.turned([0.02, -0.03, 0.05, 0.01]);
+        let view = camera.turned(Pose([0.02, -0.03, 0.05, 0.01]));
         let rows = RowPoses { samples, spacing: 1079.0 / 24.0 };
         let window = Homography(nalgebra::Matrix3::new(0.9, 0.0, 96.0, 0.0, 0.9, 54.0, 0.0, 0.0, 1.0));
         let lens = camera.with_lens(-0.15, 1920);

@@ -1,7 +1,7 @@
 //! The mesh against the map: pictures that tell from which column or row each sample was taken.
 
 use super::*;
-use crate::geometry::{Homography, Pinhole, RowPoses};
+use crate::geometry::{Homography, Pinhole, Pose, RowPoses};
 use crate::image::Picture;
 
 const SAMPLINGS: [Sampling; 4] = [Sampling::Mono, Sampling::S420, Sampling::S422, Sampling::S444];
@@ -101,7 +101,7 @@ fn worst_within(
 /// Views as they come: a zoom of a tenth, and turns as hands, walks and pans ask for.
 fn turns(camera: &Pinhole, view: &Homography) -> Vec<Homography> {
     let degrees = |yaw: f64, pitch: f64, roll: f64, zoom: f64| {
-        let turn = camera.turned([yaw.to_radians(), pitch.to_radians(), roll.to_radians(), zoom]);
+        let turn = camera.turned(Pose([yaw.to_radians(), pitch.to_radians(), roll.to_radians(), zoom]));
         Homography(turn.0 * view.0)
     };
     vec![
@@ -115,8 +115,8 @@ fn turns(camera: &Pinhole, view: &Homography) -> Vec<Homography> {
 
 /// Rows that moved as a camera moves: steadily, in a knock of a desk (10 Hz, 1 degree), in a turn with roll; readout 25 ms.
 fn row_motions(height: usize) -> Vec<RowPoses> {
-    let motion = |pose: &dyn Fn(f64) -> [f64; 4]| RowPoses {
-        samples: std::array::from_fn(|i| pose(0.025 * (i as f64 / (RowPoses::SAMPLES - 1) as f64 - 0.5))),
+    let motion = |at: &dyn Fn(f64) -> [f64; 4]| RowPoses {
+        samples: std::array::from_fn(|i| Pose(at(0.025 * (i as f64 / (RowPoses::SAMPLES - 1) as f64 - 0.5)))),
         spacing: (height as f64 - 1.0) / (RowPoses::SAMPLES - 1) as f64,
     };
     let knock = |t: f64| 1f64.to_radians() * (std::f64::consts::TAU * 10.0 * t + 0.7).sin() - 1f64.to_radians() * 0.7f64.sin();
@@ -223,7 +223,7 @@ fn the_identity_copies_exactly() {
         window: Homography::IDENTITY,
         view: Homography::IDENTITY,
         camera: Pinhole::new(size, 60.0),
-        rows: RowPoses { samples: [[0.0; 4]; RowPoses::SAMPLES], spacing: 1.0 },
+        rows: RowPoses { samples: [Pose::default(); RowPoses::SAMPLES], spacing: 1.0 },
     };
     for [width, height] in [[1, 1], [2, 2], [3, 1], [16, 8], [17, 9], [33, 23], [101, 67], [640, 48]] {
         for sampling in SAMPLINGS {
@@ -274,7 +274,7 @@ fn nonsense_is_drawn_without_harm() {
             window: Homography::IDENTITY,
             view: Homography::IDENTITY,
             camera: Pinhole::default(),
-            rows: RowPoses { samples: [[f64::NAN, 1e9, -1e9, f64::INFINITY]; RowPoses::SAMPLES], spacing: 0.0 },
+            rows: RowPoses { samples: [Pose([f64::NAN, 1e9, -1e9, f64::INFINITY]); RowPoses::SAMPLES], spacing: 0.0 },
         },
     ];
     for [width, height] in [[1, 1], [17, 9], [33, 31]] {

@@ -7,7 +7,7 @@
 use super::filter::{Filter, Place};
 use super::flow::{self, BINS};
 use super::normal::G;
-use crate::geometry::Pose;
+use crate::geometry::{PerChannel, Pose};
 use crate::kernel::Level;
 use crate::kernel::normal::{self, BROAD, CURVE, Measurements, POINTS, Sums, WIDE};
 
@@ -89,7 +89,7 @@ impl Batch {
     }
 
     /// Sorts the measurements and prepares what each round needs; `seen` gives for each number the derivative and the motion (x, y).
-    pub fn prepare(&mut self, seen: impl Fn(usize) -> ([Pose; 2], [f64; 2])) {
+    pub fn prepare(&mut self, seen: impl Fn(usize) -> ([PerChannel; 2], [f64; 2])) {
         self.keys.sort_unstable();
         let count = self.keys.len();
         self.scale.clear();
@@ -149,7 +149,7 @@ impl Batch {
 
     /// Says how what the path says of measurement `index` (in the batch's order) depends on the parameters (x, y), to be added with the
     /// rest. `derivative` as when it was prepared.
-    pub fn set_parameters(&mut self, index: usize, derivative: &[Pose; 2], by_parameter: &[[f64; 2]; G]) {
+    pub fn set_parameters(&mut self, index: usize, derivative: &[PerChannel; 2], by_parameter: &[[f64; 2]; G]) {
         let [dx, dy] = derivative;
         for (g, [x, y]) in by_parameter.iter().enumerate() {
             for c in 0..4 {
@@ -180,7 +180,7 @@ impl Batch {
     #[inline]
     pub fn prediction(&self, index: usize) -> (usize, Prediction) {
         let predicted = &self.predicted[index];
-        let pose = |i: usize| std::array::from_fn(|c| predicted[4 * i + c]);
+        let pose = |i: usize| Pose::from_fn(|c| predicted[4 * i + c]);
         (number(self.keys[index]), Prediction { change: pose(0), speeds: [pose(1), pose(2)] })
     }
 

@@ -1,6 +1,7 @@
 //! The calibration (readout time, field of view, the lens's k1): its prior, what the tracks are asked of it, and how the model follows what
 //! they say ([`super::evidence`]).
 
+use super::Times;
 use super::batch::Prediction;
 use super::consensus::Sight;
 use super::evidence::{Evidence, IntervalError};
@@ -10,8 +11,7 @@ use super::normal::G;
 use super::observations::{Detail, Observations};
 use super::readout_search::ReadoutSearch;
 use super::reweight::MIN_WEIGHT;
-use super::{Times, dot};
-use crate::geometry::{Calibration, Estimate, Pinhole, Pose, hypot};
+use crate::geometry::{Calibration, Estimate, PerChannel, Pinhole, Pose, hypot};
 use crate::stage::shutter::Optics;
 
 /// Readout time that is expected of a camera of which nothing is known, and its standard deviation (frame intervals): most webcams and
@@ -78,14 +78,14 @@ pub struct Calibrator {
     /// Whether readout time, focal length and k1 are to be found.
     unknown: [bool; G],
     /// How each track depends on focal length and k1 ([`Pinhole::effects`]); of a pair that is asked.
-    effects: Vec<[[Pose; 2]; 2]>,
+    effects: Vec<[[PerChannel; 2]; 2]>,
     evidence: Evidence,
     interval_error: IntervalError,
     search: ReadoutSearch,
     /// The readout time that the rows are drawn by, seconds: it glides to what is believed.
     pub drawn_s: f64,
     /// How the path's mean over [`ANCHOR_S`] depends on the parameters.
-    anchor: [Pose; G],
+    anchor: [PerChannel; G],
     /// Pairs since the stream began.
     pairs: u32,
     /// Whether the path is to restart: its rows were timed by a readout that was far off.
@@ -186,11 +186,9 @@ impl Calibrator {
 
     /// Takes in a pair's turn (yaw, pitch) and its slope over the rows, 1 / picture height; a pair whose interval is a guess
     /// says nothing of the readout time.
-    pub fn search(&mut self, turn: Pose, slope: [f64; 2], times: &Times) {
+    pub fn search(&mut self, turn: [f64; 2], slope: [f64; 2], times: &Times) {
         match times.error {
-            Some(_) => {
-                self.search.add(turn, [slope[0], slope[1], 0.0, 0.0], times.interval_s, SEARCH_LEAST_PX / self.camera.focal)
-            }
+            Some(_) => self.search.add(turn, slope, times.interval_s, SEARCH_LEAST_PX / self.camera.focal),
             None => self.search.interrupt(),
         }
     }
@@ -236,14 +234,14 @@ impl Calibrator {
 
     /// How what the path says of measurement `i` depends on readout time (pixels / s), on the logarithm of the focal length and on k1
     /// (pixels), with the path as it is believed at the moment.
-    fn slopes(&self, i: usize, prediction: &Prediction, derivative: &[Pose; 2], rows: [f64; 2]) -> [[f64; 2]; G] {
+    fn slopes(&self, i: usize, prediction: &Prediction, derivative: &[PerChannel; 2], rows: [f64; 2]) -> [[f64; 2]; G] {
         let Prediction { change, speeds: [sooner, later] } = *prediction;
         let from_bottom = if self.readout_s() < 0.0 { 1.0 } else { 0.0 };
         let [before, after] = rows.map(|y| y / self.size[1] as f64 - from_bottom);
-        let moved: Pose = std::array::from_fn(|c| later[c] * after - sooner[c] * before);
+        let moved = later * after - sooner * before;
         let [by_focal, by_lens] = &self.effects[i];
-        let along = |is_unknown: bool, rows: &[Pose; 2], pose: &Pose| match is_unknown {
-            true => [dot(&rows[0], pose), dot(&rows[1], pose)],
+        let along = |is_unknown: bool, rows: &[PerChannel; 2], pose: &Pose| match is_unknown {
+            true => [pose.dot(&rows[0]), pose.dot(&rows[1])],
             false => [0.0; 2],
         };
         let [readout, focal, lens] = self.unknown;
@@ -300,7 +298,7 @@ impl Calibrator {
         hfov_deg.value = (2.0 * (0.5 * width / self.camera.focal).atan()).to_degrees();
         lens_k1.value += shift[2];
         self.camera = self.camera.with_lens(lens_k1.value, self.size[0]);
-        let offset = std::array::from_fn(|c| -(0..G).map(|g| shift[g] * self.anchor[g][c]).sum::<f64>());
+        let offset = Pose::from_fn(|c| -(0..G).map(|g| shift[g] * self.anchor[g][c]).sum::<f64>());
         filter.move_calibration(shift, &offset);
         self.evidence.moved(shift, &marginal);
         self.state_sigmas(wanted, shift, interval_s);

@@ -8,9 +8,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::dot;
 use crate::frame::Track;
-use crate::geometry::Pose;
+use crate::geometry::{PITCH, PerChannel, Pose, ROLL, YAW, ZOOM};
 
 /// Unknowns: yaw and pitch (three each), roll, log zoom.
 const UNKNOWNS: usize = 8;
@@ -48,7 +47,7 @@ pub struct Sight {
     /// Motion less the flow that is expected, pixels: what the turn has to explain.
     pub turned: [f64; 2],
     /// Derivative of a pixel by the pose, half-way.
-    pub derivative: [Pose; 2],
+    pub derivative: [PerChannel; 2],
     /// Row, -0.5 (top) to 0.5.
     pub row: f64,
     /// Prior weight: the share of the picture that it speaks for, times how surely it is background; 1 on average.
@@ -74,7 +73,7 @@ pub fn distribute_weights(tracks: &[Track], size: [usize; 2], background: impl F
 
 /// The hypothesis that the pose changes by `turn`, in all rows alike.
 pub fn rigid(turn: Pose) -> Turn {
-    Turn::from([turn[0], 0.0, 0.0, turn[1], 0.0, 0.0, turn[2], turn[3]])
+    Turn::from([turn[YAW], 0.0, 0.0, turn[PITCH], 0.0, 0.0, turn[ROLL], turn[ZOOM]])
 }
 
 impl Sight {
@@ -91,16 +90,16 @@ impl Sight {
         let bend = self.row * self.row - 1.0 / 12.0;
         let yaw = turn[0] + turn[1] * self.row + turn[2] * bend;
         let pitch = turn[3] + turn[4] * self.row + turn[5] * bend;
-        misfit(&self.derivative, self.turned, &[yaw, pitch, turn[6], turn[7]])
+        misfit(&self.derivative, self.turned, &Pose([yaw, pitch, turn[6], turn[7]]))
     }
 }
 
 /// Squared distance between how a point `moved` and what a change of the pose says of it, pixels^2.
 #[inline]
-pub fn misfit(derivative: &[Pose; 2], moved: [f64; 2], change: &Pose) -> f64 {
+pub fn misfit(derivative: &[PerChannel; 2], moved: [f64; 2], change: &Pose) -> f64 {
     let mut square = 0.0;
     for (row, moved) in derivative.iter().zip(moved) {
-        let error = moved - dot(row, change);
+        let error = moved - change.dot(row);
         square += error * error;
     }
     square
@@ -127,7 +126,7 @@ fn search(sights: &[Sight], predicted: Pose, mut random: impl FnMut(usize) -> us
     if least <= good {
         return best;
     }
-    let still = rigid([0.0; 4]);
+    let still = rigid(Pose::default());
     let still_cost = cost(sights, &still, least);
     if still_cost < least {
         (best, least) = (still, still_cost);
@@ -241,7 +240,7 @@ mod tests {
         distribute_weights(&tracks, SIZE, |_| 1.0, &mut sights);
         let mean = sights.iter().map(|sight| sight.weight).sum::<f64>() / sights.len() as f64;
         assert!((mean - 1.0).abs() < 1e-9, "{mean}");
-        let found = best(&sights, [0.0; 4], random());
+        let found = best(&sights, Pose::default(), random());
         for (sight, track) in sights.iter().zip(&tracks) {
             let misfit = sight.misfit(&found);
             assert_eq!(misfit < LIMIT_SQUARE, !is_person(track.from), "{track:?}: {misfit} px^2 from {found}");
@@ -250,7 +249,7 @@ mod tests {
 
     #[test]
     fn a_prediction_that_fits_is_taken_without_a_draw() {
-        let predicted = [0.02, 0.01, 0.003, 0.0];
+        let predicted = Pose([0.02, 0.01, 0.003, 0.0]);
         let (_, sights) = scene(&rigid(predicted), |_| false, [0.0; 2]);
         let found = best(&sights, predicted, |_| panic!("a sample was drawn"));
         assert!((found - rigid(predicted)).norm() < 1e-4, "{found}");
@@ -258,7 +257,7 @@ mod tests {
 
     #[test]
     fn one_that_moved_by_itself_before_weighs_less() {
-        let (tracks, mut sights) = scene(&rigid([0.0; 4]), |_| false, [0.0; 2]);
+        let (tracks, mut sights) = scene(&rigid(Pose::default()), |_| false, [0.0; 2]);
         distribute_weights(&tracks, SIZE, |i| if i == 0 { 0.05 } else { 1.0 }, &mut sights);
         assert!((sights[0].weight / sights[1].weight - 0.05).abs() < 1e-9);
     }

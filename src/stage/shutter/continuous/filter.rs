@@ -7,7 +7,7 @@
 
 use super::flow::{self, BINS, Flow};
 use super::normal::{FLOWS, G, Marginal, N, Normal, Solution};
-use crate::geometry::Pose;
+use crate::geometry::{PerChannel, Pose};
 use crate::kernel::Level;
 use crate::kernel::normal::{CURVE, POINTS, Sums};
 
@@ -18,11 +18,11 @@ pub const MAX_POINTS: usize = (N - FLOWS) / 4;
 #[derive(Clone, Copy, Debug)]
 pub struct MotionPrior {
     /// Standard deviation of each parameter's acceleration averaged over 1/120 s, units / s^2.
-    pub acceleration: Pose,
+    pub acceleration: PerChannel,
     /// Of its jerk, likewise, units / s^3: what tells shake from motion that repeats with every frame, which nothing can measure.
-    pub jerk: Pose,
+    pub jerk: PerChannel,
     /// Of its speed, units / s: draws the path to rest where nothing is seen for long.
-    pub speed: Pose,
+    pub speed: PerChannel,
 }
 
 /// A moment as the spline sees it: the first of the four control points that matter, and their weights.
@@ -45,9 +45,9 @@ pub struct Filter {
     /// How many of them, the last ones, were added since the last [`Filter::accept`]; their prior can still be eased.
     fresh: usize,
     /// Factors on the information of each fresh point's prior: of acceleration and jerk.
-    ease: [[Pose; 2]; MAX_POINTS],
+    ease: [[PerChannel; 2]; MAX_POINTS],
     /// Factors on the deviations of acceleration and jerk that the prior allows: what this camera's motion is like.
-    spread: [Pose; 2],
+    spread: [PerChannel; 2],
     /// Information without, and with the measurements that are being weighed.
     base: Box<Normal>,
     full: Box<Normal>,
@@ -128,7 +128,7 @@ impl Filter {
 
     /// The flow at a row, units / s.
     pub fn flow_at(&self, row: &flow::Row) -> Pose {
-        std::array::from_fn(|c| (0..2).map(|i| row.weights[i] * self.solution.path[4 * (row.bin + i) + c]).sum())
+        Pose::from_fn(|c| (0..2).map(|i| row.weights[i] * self.solution.path[4 * (row.bin + i) + c]).sum())
     }
 
     /// Slope of the flow's turn (yaw, pitch) over the picture's height, units / s: least squares.
@@ -159,7 +159,7 @@ impl Filter {
         self.fresh = 0;
         for i in 0..2 {
             self.push(pose);
-            for (c, value) in pose.iter().enumerate() {
+            for (c, value) in pose.0.iter().enumerate() {
                 let at = FLOWS + i * 4 + c;
                 // the second is pinned to the first by the speed that the prior allows
                 let pin = self.prior.speed[c] * spacing_s * if i == 0 { 10.0 } else { 1.0 };
@@ -174,7 +174,7 @@ impl Filter {
         let Place { first, weights, .. } = self.place(time_s);
         let information = 1.0 / (PIN * PIN);
         for (i, wi) in weights.into_iter().enumerate() {
-            for (c, value) in pose.iter().enumerate() {
+            for (c, value) in pose.0.iter().enumerate() {
                 let row = FLOWS + 4 * (first - self.first + i as i64) as usize + c;
                 for (j, wj) in weights[..=i].iter().enumerate() {
                     let column = FLOWS + 4 * (first - self.first + j as i64) as usize + c;
@@ -220,10 +220,10 @@ impl Filter {
     #[inline]
     pub fn pose(&self, time_s: f64) -> Pose {
         let Place { first, weights, .. } = self.place(time_s);
-        let mut pose = [0.0; 4];
+        let mut pose = Pose::default();
         for (i, weight) in weights.into_iter().enumerate() {
             let point = ((first + i as i64 - self.first).max(0) as usize).min(self.points.saturating_sub(1));
-            for (c, value) in pose.iter_mut().enumerate() {
+            for (c, value) in pose.0.iter_mut().enumerate() {
                 *value += weight * self.solution.path[FLOWS + 4 * point + c];
             }
         }
@@ -233,7 +233,7 @@ impl Filter {
     fn push(&mut self, pose: Pose) {
         let n = self.unknowns();
         self.base.clear(n, n + 4);
-        self.solution.path[n..n + 4].copy_from_slice(&pose);
+        self.solution.path[n..n + 4].copy_from_slice(&pose.0);
         self.points += 1;
     }
 
@@ -241,7 +241,7 @@ impl Filter {
     fn push_with_prior(&mut self) {
         let n = self.unknowns();
         let mean = &self.solution.path;
-        self.push(std::array::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
+        self.push(Pose::from_fn(|c| 2.0 * mean[n - 4 + c] - mean[n - 8 + c]));
         if self.fresh < MAX_POINTS {
             self.ease[self.fresh] = [[1.0; 4]; 2];
             self.fresh += 1;
@@ -382,7 +382,7 @@ impl Filter {
     }
 
     /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
-    pub fn deviation(&self, sooner_s: f64, later_s: f64) -> Pose {
+    pub fn deviation(&self, sooner_s: f64, later_s: f64) -> PerChannel {
         let n = self.unknowns();
         let moments = [(self.place(sooner_s), -1.0), (self.place(later_s), 1.0)];
         let from = FLOWS + 4 * self.held_point(moments[0].0.first.min(moments[1].0.first));
@@ -403,7 +403,7 @@ impl Filter {
     }
 
     /// How the pose at a moment depends on the calibration, after [`Filter::solve`] and before [`Filter::accept`].
-    pub fn sensitivity(&self, time_s: f64) -> [Pose; G] {
+    pub fn sensitivity(&self, time_s: f64) -> [PerChannel; G] {
         let Place { first, weights, .. } = self.place(time_s);
         let points: [usize; 4] = std::array::from_fn(|i| FLOWS + 4 * self.held_point(first + i as i64));
         self.solution
@@ -415,8 +415,8 @@ impl Filter {
     pub fn move_calibration(&mut self, shift: [f64; G], offset: &Pose) {
         let n = self.unknowns();
         self.base.shift_parameters(shift, n);
-        if offset.iter().all(|value| value.is_finite()) {
-            self.base.offset(FLOWS, n, offset);
+        if offset.is_finite() {
+            self.base.offset(FLOWS, n, &offset.0);
         }
     }
 
@@ -470,7 +470,7 @@ mod tests {
         };
         let prior = MotionPrior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
         let mut filter = Filter::new(0.01, prior, Level::detected());
-        filter.restart(1.0, [0.0; 4], 0.01);
+        filter.restart(1.0, Pose::default(), 0.01);
         assert!(filter.extend_to(1.12));
         filter.start_trial();
         let n = filter.unknowns();
@@ -485,7 +485,7 @@ mod tests {
         let mut seen = Vec::new();
         for i in 0..37 {
             let places = moments(i, &mut random).map(|time| filter.place(time));
-            let derivative: [Pose; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
+            let derivative: [PerChannel; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
             let value = [random(), random()];
             let by_parameter: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);
             let row = flow::Row::new(0.5 + 0.7 * random(), 1.0 / 30.0);
@@ -503,7 +503,7 @@ mod tests {
         for (i, prediction) in batch.predictions() {
             let (derivative, value, by_parameter, places, row) = &seen[i];
             if i % 4 == 3 {
-                assert_eq!(prediction.change, [0.0; 4]);
+                assert_eq!(prediction.change, Pose::default());
                 continue;
             }
             let (mut difference, mut speeds) = ([0.0; 4], [[0.0; 4]; 2]);

@@ -26,7 +26,7 @@
 //! sure sign of travel, and where one is found the turns' variances are raised as well.
 
 use super::normal::FLOWS;
-use crate::geometry::Pose;
+use crate::geometry::{PerChannel, ZOOM};
 
 /// Hat functions over the rows.
 pub const BINS: usize = 6;
@@ -52,17 +52,16 @@ const HOLDING_PX: f64 = 8.0;
 const PRESENT_S: f64 = 1.0;
 /// Standard deviation of what the rows that hold the path flow together, pixels / s.
 const HELD_PX: f64 = 0.2;
-/// Channels of a pose: those that turn the camera, and the one that zooms.
+/// Channels of a pose that turn the camera.
 const TURNS: std::ops::Range<usize> = 0..3;
-const ZOOM: usize = 3;
 
 /// What is expected of the flow.
 #[derive(Clone, Debug, Default)]
 pub struct Flow {
     /// Variance of a flow of one pixel a second, in each channel's units.
-    pixel: Pose,
+    pixel: PerChannel,
     /// Variances that are added at first.
-    first: Pose,
+    first: PerChannel,
     /// Mean squares of what was found.
     squares: [f64; FLOWS],
     /// How many tracks there were of late, by bin; none before the first.

@@ -36,7 +36,7 @@ mod reweight;
 mod row_agreement;
 
 use super::{Motion, Optics, Pair, RowSpan};
-use crate::frame::Track;
+use crate::frame::{PathParameters, Track};
 use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion, RowPoses, hypot};
 use crate::kernel::Level;
 use calibration::Calibrator;
@@ -117,7 +117,7 @@ impl Continuous {
         self.times = Times::default();
         self.reweighting.begin();
         (self.gate, self.agreement) = (Gate::default(), RowAgreement::default());
-        self.newest = at_rest(self.rows(|_| [0.0; 4]));
+        self.newest = at_rest(self.rows(|_| Pose::default()));
     }
 
     /// As [`super::Shutter::newest`].
@@ -181,12 +181,12 @@ impl Continuous {
         let drawn_to_s = now_s + middle_s + 0.5 * longest_s;
         if is_first || is_other_rate || is_stale || !self.filter.extend_to(drawn_to_s) {
             let spacing_s = wanted_s.max((interval_s + 2.0 * longest_s) / (MAX_POINTS - SPARE_POINTS) as f64);
-            self.filter.restart(before_s, self.newest.path, spacing_s);
+            self.filter.restart(before_s, pose_of(self.newest.path), spacing_s);
             if is_stale {
                 self.filter.forget_calibration();
             }
             self.filter.extend_to(drawn_to_s);
-            self.filter.pin(before_s + middle_s, self.newest.path);
+            self.filter.pin(before_s + middle_s, pose_of(self.newest.path));
         }
     }
 
@@ -223,11 +223,11 @@ impl Continuous {
     fn consensus(&mut self) -> Turn {
         let Times { before_s, now_s, interval_s, .. } = self.times;
         let middle_s = self.calibrator.middle_s();
-        let predicted = subtract(self.filter.pose(now_s + middle_s), self.filter.pose(before_s + middle_s));
+        let predicted = self.filter.pose(now_s + middle_s) - self.filter.pose(before_s + middle_s);
         let turn = consensus::best(&self.observations.sights, predicted, |below| self.random.below(below));
         // the flow, too, may hold what is the rows'
         let [yaw, pitch] = self.filter.flow_slope().map(|slope| slope * interval_s);
-        self.calibrator.search([turn[0], turn[3], turn[6], turn[7]], [turn[1] + yaw, turn[4] + pitch], &self.times);
+        self.calibrator.search([turn[0], turn[3]], [turn[1] + yaw, turn[4] + pitch], &self.times);
         turn
     }
 
@@ -235,7 +235,7 @@ impl Continuous {
     fn compare_rows(&mut self) {
         let Times { before_s, now_s, interval_s, .. } = self.times;
         let middle_s = self.calibrator.middle_s();
-        let whole = subtract(self.filter.pose(now_s + middle_s), self.filter.pose(before_s + middle_s));
+        let whole = self.filter.pose(now_s + middle_s) - self.filter.pose(before_s + middle_s);
         let scale_px = WITHOUT_ROWS * self.reweighting.scale_px();
         let Self { observations, reweighting, filter, calibrator, agreement, .. } = self;
         let compared = observations.compared(&reweighting.weights, filter, calibrator, whole, scale_px);
@@ -245,7 +245,7 @@ impl Continuous {
     /// The motion is unknown. What is not believed must not move the path, and the motion before is no forecast: it comes to rest.
     fn rest(&mut self) {
         let Motion { path, motion, .. } = self.newest;
-        self.filter.pin(self.reference_s(), std::array::from_fn(|c| path[c] + KEPT_MOTION * motion[c]));
+        self.filter.pin(self.reference_s(), pose_of(path) + pose_of(motion) * KEPT_MOTION);
         self.filter.start_trial();
         self.filter.solve();
         self.calibrator.skip();
@@ -259,17 +259,18 @@ impl Continuous {
         let path = self.filter.pose(reference_s);
         let height = self.calibrator.size[1] as f64;
         let (by_row_s, middle_row) = (self.calibrator.drawn_s / height, 0.5 * height);
+        let path_at = |time_s: f64| PathParameters(self.filter.pose(time_s).0);
         let ends = RowSpan {
-            first: self.filter.pose(now_s),
-            last: self.filter.pose(last_s),
-            last_before: self.filter.pose(last_s - interval_s),
+            first: path_at(now_s),
+            last: path_at(last_s),
+            last_before: path_at(last_s - interval_s),
             half_s: self.calibrator.middle_s(),
             interval_s,
         };
         Motion {
-            rows: self.rows(|y| subtract(self.filter.pose(reference_s + by_row_s * (y - middle_row)), path)),
-            motion: subtract(path, self.newest.path),
-            path,
+            rows: self.rows(|y| self.filter.pose(reference_s + by_row_s * (y - middle_row)) - path),
+            motion: PathParameters((path - pose_of(self.newest.path)).0),
+            path: PathParameters(path.0),
             ends,
             confidence,
             rows_part: self.agreement.part(),
@@ -286,7 +287,7 @@ impl Continuous {
 
 /// The motion of a camera at rest, of which nothing was measured.
 fn at_rest(rows: RowMotion) -> Motion {
-    let (motion, path) = ([0.0; 4], [0.0; 4]);
+    let (motion, path) = (PathParameters::default(), PathParameters::default());
     Motion { rows, motion, path, ends: RowSpan::default(), confidence: 1.0, rows_part: 1.0 }
 }
 
@@ -309,18 +310,15 @@ fn geman_mcclure(square: f64, scale_square: f64) -> f64 {
     1.0 / (ratio * ratio)
 }
 
-fn dot(row: &Pose, pose: &Pose) -> f64 {
-    row[0] * pose[0] + row[1] * pose[1] + row[2] * pose[2] + row[3] * pose[3]
-}
-
-fn subtract(a: Pose, b: Pose) -> Pose {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
+/// The pose that this model's parameters are.
+fn pose_of(path: PathParameters) -> Pose {
+    Pose(path.0)
 }
 
 /// Output pixel -> virtual camera at `smoothed` -> camera at the frame's reference time -> the row that saw it.
-pub fn map(motion: &Motion, smoothed: Pose, strength: f64, view: &Homography) -> OutputMap {
+pub fn map(motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
     let RowMotion::Poses { camera, rows } = motion.rows else { return OutputMap::Projective(*view) };
-    let turn = camera.turned(subtract(motion.path, smoothed));
+    let turn = camera.turned(pose_of(motion.path) - pose_of(smoothed));
     let (window, view) = match camera.bend == 0.0 {
         true => (Homography::IDENTITY, Homography(turn.0 * view.0).scaled()),
         false => (*view, turn),

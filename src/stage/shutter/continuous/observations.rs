@@ -6,7 +6,7 @@ use super::consensus::{self, Sight};
 use super::filter::Filter;
 use super::flow::Row;
 use super::row_agreement::Compared;
-use super::{Times, dot, geman_mcclure, subtract};
+use super::{Times, geman_mcclure};
 use crate::frame::Track;
 use crate::geometry::Pose;
 use crate::kernel::Level;
@@ -68,7 +68,7 @@ impl Observations {
             let flow_row = Row::new(row + 0.5, times.interval_s);
             self.batch.push(filter, moments.map(|moment| filter.place(moment)), flow_row);
             let flow = filter.flow_at(&flow_row);
-            let turned = [moved[0] - dot(&derivative[0], &flow), moved[1] - dot(&derivative[1], &flow)];
+            let turned = [moved[0] - flow.dot(&derivative[0]), moved[1] - flow.dot(&derivative[1])];
             self.sights.push(Sight { turned, derivative, row, weight: 1.0 });
             let sigma_px = f64::from(track.sigma_px).min(MAX_SIGMA_PX);
             let information = 1.0 / (sigma_px * sigma_px + common);
@@ -130,9 +130,9 @@ impl Observations {
         self.batch.predictions().map(move |(i, prediction)| {
             let (detail, Sight { derivative, weight: prior_weight, .. }) = (&self.details[i], &self.sights[i]);
             let flow = filter.flow_at(self.batch.flow_row(i));
-            let by_rows = derivative.map(|row| dot(&row, &subtract(subtract(prediction.change, flow), whole)));
-            let moved: [f64; 2] = std::array::from_fn(|i| detail.moved[i] - dot(&derivative[i], &flow));
-            let rest: [f64; 2] = std::array::from_fn(|i| moved[i] - dot(&derivative[i], &whole));
+            let by_rows = derivative.map(|row| (prediction.change - flow - whole).dot(&row));
+            let moved: [f64; 2] = std::array::from_fn(|i| detail.moved[i] - flow.dot(&derivative[i]));
+            let rest: [f64; 2] = std::array::from_fn(|i| moved[i] - whole.dot(&derivative[i]));
             let weight = weights[i].max(geman_mcclure(rest[0] * rest[0] + rest[1] * rest[1], scale_px * scale_px));
             let place = std::array::from_fn(|i| (detail.middle[i] - calibrator.camera.centre[i]) / half_width);
             Compared { place, moved, by_rows, weight: weight * prior_weight.min(MAX_PRIOR_WEIGHT) }

@@ -7,7 +7,7 @@
 //! sin(wT) / (wT) of the change of speed; w is known from how much the turns bend (second difference: 4 sin(wT/2)^2 of the turn). For a mix of
 //! frequencies that is roughly right, so this only bounds the estimate.
 
-use crate::geometry::{Pose, hypot};
+use crate::geometry::hypot;
 
 /// Seconds for which pairs are remembered.
 const MEMORY_S: f64 = 6.0;
@@ -40,10 +40,10 @@ pub struct ReadoutSearch {
 }
 
 impl ReadoutSearch {
-    /// Adds a pair of frames `interval_s` apart: turn and slope, of which yaw and pitch are looked at. Changes of the turn below
+    /// Adds a pair of frames `interval_s` apart: turn and slope of yaw and pitch. Changes of the turn below
     /// `least` (radians) are noise, which would pull the readout time to nothing.
-    pub fn add(&mut self, turn: Pose, slope: Pose, interval_s: f64, least: f64) {
-        let newest = Turn { interval_s, turn: [turn[0], turn[1]], slope: [slope[0], slope[1]] };
+    pub fn add(&mut self, turn: [f64; 2], slope: [f64; 2], interval_s: f64, least: f64) {
+        let newest = Turn { interval_s, turn, slope };
         let [first, middle] = self.last;
         self.last = [middle, newest];
         let moves = hypot(turn[0], turn[1]) >= MOVES * least;
@@ -118,8 +118,8 @@ mod tests {
             for k in 0..90 {
                 let (a, b) = (f64::from(k) * interval, f64::from(k + 1) * interval);
                 let by = |f: &dyn Fn(f64) -> [f64; 2], c: usize| f(b)[c] - f(a)[c];
-                let turn = [by(&path, 0), by(&path, 1), 0.0, 0.0];
-                let lean = [readout * interval * by(&speed, 0), readout * interval * by(&speed, 1), 0.0, 0.0];
+                let turn = [by(&path, 0), by(&path, 1)];
+                let lean = [readout * interval * by(&speed, 0), readout * interval * by(&speed, 1)];
                 search.add(turn, lean, interval, 1e-5);
             }
             let (found, deviation) = search.readout().unwrap();
@@ -141,7 +141,7 @@ mod tests {
             for k in 0..90 {
                 let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
                 let lean = readout * 0.5 * (turn(k + 1) - turn(k - 1)) + 1e-4 * (9.7 * f64::from(k)).sin();
-                search.add([turn(k), 0.0, 0.0, 0.0], [lean, 0.0, 0.0, 0.0], interval, least);
+                search.add([turn(k), 0.0], [lean, 0.0], interval, least);
             }
             let drawn = search.drawn(believed * interval, 0.0) / interval;
             assert!((drawn - wanted).abs() < 0.05, "{readout} {believed}: {drawn}");
@@ -152,7 +152,7 @@ mod tests {
     fn an_even_pan_is_drawn_by_what_is_believed() {
         let mut search = ReadoutSearch::default();
         for _ in 0..30 {
-            search.add([0.01, 0.0, 0.0, 0.0], [0.0; 4], 1.0 / 30.0, 1e-3);
+            search.add([0.01, 0.0], [0.0; 2], 1.0 / 30.0, 1e-3);
         }
         assert_eq!((search.readout(), search.drawn(0.02, 0.0)), (None, 0.02));
     }
@@ -162,7 +162,7 @@ mod tests {
         let mut search = ReadoutSearch::default();
         for k in 0..90 {
             let noise = 4e-4 * f64::from(k % 2);
-            search.add([noise, 0.0, 0.0, 0.0], [noise, 0.0, 0.0, 0.0], 1.0 / 30.0, 1e-3);
+            search.add([noise, 0.0], [noise, 0.0], 1.0 / 30.0, 1e-3);
         }
         assert_eq!((search.readout(), search.drawn(0.02, 0.0)), (None, 0.0));
     }

@@ -60,7 +60,7 @@ impl Truth {
         let [cx, cy] = camera.centre;
         let straight = [cx + camera.focal * d[0] / d[2], cy + camera.focal * d[1] / d[2]];
         let [yaw, pitch, roll] = (self.pose)(t);
-        camera.bent(camera.turned([yaw, pitch, roll, 0.0]).apply(straight))
+        camera.bent(camera.turned(Pose([yaw, pitch, roll, 0.0])).apply(straight))
     }
 
     /// Where the frame of number `k` shows the point: on the row that was read when it was there.
@@ -212,7 +212,7 @@ fn where_all_is_near_the_path_follows_the_picture() {
         }
         let motion = model.newest();
         confidence = confidence.min(motion.confidence);
-        let by_path = camera.derivative(camera.centre).map(|row| dot(&row, &motion.motion));
+        let by_path = camera.derivative(camera.centre).map(|row| pose_of(motion.motion).dot(&row));
         rest.push([picture[0] - by_path[0], picture[1] - by_path[1]]);
         speeds.push(picture);
     }
@@ -317,7 +317,7 @@ fn a_long_pan_does_not_shake_while_focal_length_and_lens_are_found() {
         // not quite steady, as a hand is: a pan that is says nothing of the lens
         let speed = |t: f64| [0.4 + 0.05 * (5.0 * t).sin(), 0.02 * (7.0 * t).sin(), 0.0];
         let [yaw, pitch, roll] = speed(f64::from(k) * INTERVAL_S).map(|speed| speed * INTERVAL_S);
-        let mut tracks = turned(&camera, [yaw, pitch, roll, 0.0], &mut random);
+        let mut tracks = turned(&camera, Pose([yaw, pitch, roll, 0.0]), &mut random);
         let fit = Fit::default();
         model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
         path.push(model.newest().path[0]);
@@ -342,7 +342,7 @@ fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
     for k in 0..90 {
         let [from, to] = [0, 1].map(|i| shaken(f64::from(k + i) * INTERVAL_S));
         let [yaw, pitch, _] = std::array::from_fn(|i| to[i] - from[i]);
-        let mut tracks = turned(&camera, [yaw, pitch, 0.0, 0.0], &mut random);
+        let mut tracks = turned(&camera, Pose([yaw, pitch, 0.0, 0.0]), &mut random);
         let fit = Fit::default();
         model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
         believed.push(model.calibration().unwrap().readout_s.value / INTERVAL_S);
@@ -412,7 +412,7 @@ fn dark_wall(count: usize, with_hand: bool) -> [f64; 2] {
         for ((point, ..), track) in seen.iter_mut().zip(&tracks) {
             point.background += 0.1 * (track.weight - point.background);
         }
-        let [yaw, pitch, roll, _] = model.newest().path.map(f64::abs);
+        let [yaw, pitch, roll, _] = model.newest().path.0.map(f64::abs);
         furthest = [furthest[0].max(camera.focal * yaw.max(pitch)), furthest[1].max(roll.to_degrees())];
     }
     furthest
