@@ -150,7 +150,8 @@ fn corners(bytes: &mut Unstructured<'_>, [from, ..]: &mut [Fenced<u8>; 4]) -> Re
     let mut place = || if bytes.ratio(1, 8)? { bytes.arbitrary() } else { bytes.int_in_range(0..=100) };
     let (at, size) = ([place()?, place()?], [place()?, place()?]);
     let (plane, step) = (shape.plane(from, bytes.arbitrary()?), bytes.int_in_range(1..=9)?);
-    let [plain, best] = LEVELS().map(|level| corner::strongest(level, plane, at, size, |x, y| (x + y) % step == 0));
+    let [plain, best] =
+        LEVELS().map(|level| corner::strongest(level, plane, at, size, f32::NEG_INFINITY, |x, y| (x + y) % step == 0));
     assert_eq!(plain, best);
     Ok(())
 }

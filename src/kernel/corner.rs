@@ -25,12 +25,14 @@ pub struct Corner {
 }
 
 /// Searches columns `x` .. `x + width` and rows `y` .. `y + height` of `plane` (at most [`MAX`] each; a rim of [`REACH`] + 1
-/// pixels of the plane is never searched) for the strongest corner that `allowed` (x, y). `None` where there is no place.
+/// pixels of the plane is never searched) for the strongest corner, at least as strong as `least`, that `allowed` (x, y). `None` where
+/// there is no such place.
 pub fn strongest(
     level: Level,
     plane: PlaneRef<'_>,
     [x, y]: [usize; 2],
     [width, height]: [usize; 2],
+    least: f32,
     allowed: impl Fn(usize, usize) -> bool,
 ) -> Option<Corner> {
     let rim = REACH + 1;
@@ -47,11 +49,11 @@ pub fn strongest(
     let mut best: Option<Corner> = None;
     for (j, row) in strengths[..h].iter().enumerate() {
         // most rows hold nothing better
-        if best.is_some_and(|best| strongest[j] <= best.strength) {
+        if strongest[j] < least || best.is_some_and(|best| strongest[j] <= best.strength) {
             continue;
         }
         for (i, &strength) in row[..w].iter().enumerate() {
-            if best.is_none_or(|best| strength > best.strength) && allowed(x0 + i, y0 + j) {
+            if strength >= least && best.is_none_or(|best| strength > best.strength) && allowed(x0 + i, y0 + j) {
                 best = Some(Corner { x: x0 + i, y: y0 + j, strength });
             }
         }
@@ -163,9 +165,9 @@ mod tests {
             plane.row_mut(y)[24..].fill(200);
         }
         for level in Level::all() {
-            let found = strongest(level, plane.as_ref(), [10, 10], [28, 20], |_, _| true).unwrap();
+            let found = strongest(level, plane.as_ref(), [10, 10], [28, 20], f32::NEG_INFINITY, |_, _| true).unwrap();
             assert!(found.x.abs_diff(24) <= 2 && found.y.abs_diff(20) <= 2, "{found:?}");
-            let edge = strongest(level, plane.as_ref(), [36, 14], [8, 12], |_, _| true).unwrap();
+            let edge = strongest(level, plane.as_ref(), [36, 14], [8, 12], f32::NEG_INFINITY, |_, _| true).unwrap();
             assert!(edge.strength < 0.01 * found.strength, "{edge:?}");
         }
     }
@@ -201,7 +203,16 @@ mod tests {
                     }
                 }
                 for level in Level::all() {
-                    assert_eq!(strongest(level, plane, from, size, allowed), best, "{width}x{height} {}", level.name());
+                    assert_eq!(
+                        strongest(level, plane, from, size, f32::NEG_INFINITY, allowed),
+                        best,
+                        "{width}x{height} {}",
+                        level.name()
+                    );
+                    // as strong as it must be, and the next number below that
+                    let Some(Corner { strength, .. }) = best else { continue };
+                    assert_eq!(strongest(level, plane, from, size, strength, allowed), best);
+                    assert_eq!(strongest(level, plane, from, size, strength.next_up(), allowed), None);
                 }
             }
         }
@@ -210,6 +221,6 @@ mod tests {
     #[test]
     fn a_plane_smaller_than_the_window_has_no_place() {
         let plane = Plane::<u8>::new(7, 7);
-        assert_eq!(strongest(Level::detected(), plane.as_ref(), [0, 0], [7, 7], |_, _| true), None);
+        assert_eq!(strongest(Level::detected(), plane.as_ref(), [0, 0], [7, 7], f32::NEG_INFINITY, |_, _| true), None);
     }
 }

@@ -77,11 +77,6 @@ impl Grid {
         &mut self.holder[row * self.columns + column]
     }
 
-    /// Whether no point of the neighbouring cells lies within `distance` of (x, y).
-    fn is_free(&self, column: usize, row: usize, at: [f32; 2], distance: f32) -> bool {
-        self.neighbours(column, row, 1).all(|(p, _)| (p[0] - at[0]).abs().max((p[1] - at[1]).abs()) >= distance)
-    }
-
     /// The points held by the cells at most `reach` from a cell.
     fn neighbours(&self, column: usize, row: usize, reach: usize) -> impl Iterator<Item = &([f32; 2], f32)> {
         let rows = row.saturating_sub(reach)..(row + reach + 1).min(self.rows);
@@ -174,8 +169,12 @@ fn search(
     let offset = (scale as f32 - 1.0) / 2.0;
     let place = |x: usize, y: usize| [(x * scale) as f32 + offset, (y * scale) as f32 + offset];
     let distance = grid.cell as f32 * 0.5;
-    let found = corner::strongest(level, plane, [column * side, row * side], [side, side], |x, y| {
-        grid.is_free(column, row, place(x, y), distance)
+    // the points of the neighbouring cells; those of a missing one are far away
+    let mut near = [[f32::INFINITY; 2]; 9];
+    near.iter_mut().zip(grid.neighbours(column, row, 1)).for_each(|(near, (at, _))| *near = *at);
+    let found = corner::strongest(level, plane, [column * side, row * side], [side, side], least, |x, y| {
+        let at = place(x, y);
+        near.iter().all(|p| (p[0] - at[0]).abs().max((p[1] - at[1]).abs()) >= distance)
     })?;
-    (found.strength >= least).then(|| place(found.x, found.y))
+    Some(place(found.x, found.y))
 }

@@ -56,9 +56,9 @@ fn line_in_place_body(map: ToLimited, line: &mut [u8]) {
     }
 }
 
-/// Sixteen bits hold all of it: the division by 255, rounded down, is (t + 1 + t/256)/256.
+/// Sixteen bits hold all of it: the division by 255, rounded down, is (t + 1 + t/256)/256, and `base` 256 times is below what is left.
 #[inline(always)]
 fn limited(map: ToLimited, sample: u8) -> u8 {
     let t = map.gain * u16::from(sample) + map.offset;
-    map.base + ((t + 1 + (t >> 8)) >> 8) as u8
+    ((t + (t >> 8) + (256 * u16::from(map.base) + 1)) >> 8) as u8
 }

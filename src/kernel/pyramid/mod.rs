@@ -2,8 +2,17 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod wide;
 
 use super::{Level, dispatch};
+#[cfg(target_arch = "x86_64")]
+use avx2::Avx2 as Native;
+#[cfg(target_arch = "aarch64")]
+use neon::Neon as Native;
+
 use crate::image::{PlaneMut, PlaneRef};
 
 /// Output columns done at a time, so that the vertical sums stay on the stack.
@@ -16,37 +25,44 @@ pub fn halve(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>) {
     if size.contains(&0) {
         return;
     }
-    #[cfg(target_arch = "x86_64")]
-    if level.has_avx2() {
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+    if let Some(native) = Native::of(level) {
         let mut to = to;
-        // SAFETY: a `Level` says AVX2 only where the processor was found to have it.
-        let columns = unsafe { avx2::inner(from, &mut to) };
-        let rest = [
-            [0, 0, size[0], 1],
-            [0, 1, 1, size[1] - 1],
-            [columns, 1, size[0], size[1] - 1],
-            [0, size[1] - 1, size[0], size[1]],
-        ];
-        rest.into_iter().for_each(|part| halve_part(level, from, to.reborrow(), part));
+        let end = native.inner(from, &mut to);
+        for y in 1..size[1] - 1 {
+            let rows = [2 * y - 1, 2 * y, 2 * y + 1, 2 * y + 2].map(|y| from.row(y));
+            let out = &mut to.row_mut(y)[..size[0]];
+            std::iter::once(0).chain(end..size[0]).for_each(|x| out[x] = pixel(rows, x));
+        }
+        let ends = [0, size[1] - 1];
+        ends.into_iter().for_each(|y| halve_rows(level, from, to.reborrow(), size[0], [y, y + 1]));
         return;
     }
-    halve_part(level, from, to, [0, 0, size[0], size[1]]);
+    halve_rows(level, from, to, size[0], [0, size[1]]);
 }
 
-/// Halves a part of the plane: output columns and rows from the first two numbers on to before the others.
-fn halve_part(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>, part: [usize; 4]) {
-    dispatch!(level, halve_body(from: PlaneRef<'_>, to: PlaneMut<'_>, part: [usize; 4]))
+/// Output pixel `x` of a row that these four become.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+fn pixel(rows: [&[u8]; 4], x: usize) -> u8 {
+    let last = rows[0].len() - 1;
+    let [a, b, c, d] = [(2 * x).saturating_sub(1), 2 * x, 2 * x + 1, (2 * x + 2).min(last)].map(|x| column(rows, x));
+    ((a + 3 * (b + c) + d + 32) >> 6) as u8
+}
+
+/// Halves into `columns` of the output's rows from the first of `rows` on to before the other.
+fn halve_rows(level: Level, from: PlaneRef<'_>, to: PlaneMut<'_>, columns: usize, rows: [usize; 2]) {
+    dispatch!(level, halve_body(from: PlaneRef<'_>, to: PlaneMut<'_>, columns: usize, rows: [usize; 2]))
 }
 
 #[inline(always)]
-fn halve_body(from: PlaneRef<'_>, mut to: PlaneMut<'_>, [left, top, right, bottom]: [usize; 4]) {
+fn halve_body(from: PlaneRef<'_>, mut to: PlaneMut<'_>, columns: usize, [top, bottom]: [usize; 2]) {
     let (width, height) = (from.width(), from.height());
     let mut sums = [0u16; 2 * BLOCK + 2];
     for y in top..bottom {
         let rows = [(2 * y).saturating_sub(1), 2 * y, 2 * y + 1, (2 * y + 2).min(height - 1)].map(|y| from.row(y));
         let out = to.row_mut(y);
-        for start in (left..right).step_by(BLOCK) {
-            let count = BLOCK.min(right - start);
+        for start in (0..columns).step_by(BLOCK) {
+            let count = BLOCK.min(columns - start);
             // sums[i] is the vertical sum of input column 2 * start - 1 + i
             let first = 2 * start;
             let last = (first + 2 * count + 1).min(width);

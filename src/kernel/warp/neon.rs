@@ -1,4 +1,5 @@
-//! The warp's octets for NEON: one at a time, sixteen bits to a pixel.
+//! The warp's octets for NEON: two at a time, one register of sixteen bits to a pixel each. What both planes of chroma have in common is
+//! computed once.
 
 mod bicubic;
 mod bilinear;
@@ -6,8 +7,11 @@ mod bilinear;
 use std::arch::aarch64::*;
 
 use super::Cells;
-use super::octets::{CHUNK, Draw, Lines, OCTET, Octets, cells_of};
+use super::octets::{BLOCK, CHUNK, Draw, Lines, Octets, cells_of};
 use crate::image::PlaneRef;
+
+/// A row's sixteen bytes for each of two octets.
+type Pair = [uint8x16_t; 2];
 
 /// The instruction set. Every aarch64 processor that Linux runs on has it, and the compiler uses it everywhere.
 pub(super) enum Neon {}
@@ -44,31 +48,38 @@ impl Draw for Neon {
     ) {
         let stride = planes[0].stride();
         let samples = planes.map(|plane| plane.samples().as_ptr());
-        // by cell, by block and by half of a block
-        let outs = outs.map(|out| out.as_chunks_mut::<OCTET>().0.as_chunks_mut::<2>().0.as_chunks_mut::<BLOCKS>().0);
+        // by cell and by block
+        let mut outs = outs.map(|out| out.as_chunks_mut::<BLOCK>().0.as_chunks_mut::<BLOCKS>().0);
         let [dxs, dys] = &lines.step;
         // SAFETY: there are eight numbers.
         let n = unsafe { vld1q_s16([0, 1, 2, 3, 4, 5, 6, 7].as_ptr()) };
         for i in 0..lines.count().min(CHUNK) {
             let ways = [dxs[i], dys[i]].map(|step| vmulq_n_s16(n, (step >> 4) as i16));
-            for o in 0..2 * BLOCKS {
-                let (b, half) = (o / 2, o % 2);
-                let (first, place) = (octets.at[b][half][i] as usize, octets.place[b][half][i]);
-                let x = vreinterpretq_u16_s16(vaddq_s16(vdupq_n_s16(place as i16), ways[0]));
-                let y = vaddq_s16(vdupq_n_s16((place >> 16) as i16), ways[1]);
-                for p in 0..N {
-                    // SAFETY: `LOAD` bytes, `down` rows below the octet's first; `furthest` counts as many rows as are asked for below.
-                    let load = |down: usize| unsafe { vld1q_u8(samples[p].add(first + down * stride)) };
-                    let bytes = match (CUBIC, octets.steep[b][half][i] == 0) {
-                        (false, true) => bilinear::mix(x, y, [load(0), load(1)]),
-                        (false, false) => bilinear::mix_steep(x, y, [load(0), load(1), load(2)]),
-                        (true, true) => bicubic::mix(x, y, [load(0), load(1), load(2), load(3)]),
-                        (true, false) => bicubic::mix_steep(x, y, [load(0), load(1), load(2), load(3), load(4)]),
-                    };
-                    // SAFETY: an octet has eight bytes.
-                    unsafe { vst1_u8(outs[p][i][b][half].as_mut_ptr(), bytes) };
+            for b in 0..BLOCKS {
+                let firsts = [0, 1].map(|half| octets.at[b][half][i] as usize);
+                let places = [0, 1].map(|half| vreinterpret_s16_u32(vdup_n_u32(octets.place[b][half][i])));
+                let x = places.map(|place| vreinterpretq_u16_s16(vaddq_s16(vdupq_lane_s16::<0>(place), ways[0])));
+                let y = places.map(|place| vaddq_s16(vdupq_lane_s16::<1>(place), ways[1]));
+                let flat = octets.steep[b][0][i] | octets.steep[b][1][i] == 0;
+                // SAFETY: `LOAD` bytes, `down` rows below each octet's first; `furthest` counts as many rows as are asked for below.
+                let load = |p: usize, down: usize| unsafe { firsts.map(|at| vld1q_u8(samples[p].add(at + down * stride))) };
+                let bytes = match (CUBIC, flat) {
+                    (false, true) => bilinear::mix(x, y, loaded::<2, N>(load)),
+                    (false, false) => bilinear::mix_steep(x, y, loaded::<3, N>(load)),
+                    (true, true) => bicubic::mix(x, y, loaded::<4, N>(load)),
+                    (true, false) => bicubic::mix_steep(x, y, loaded::<5, N>(load)),
+                };
+                for (out, bytes) in outs.iter_mut().zip(bytes) {
+                    // SAFETY: a block has sixteen bytes.
+                    unsafe { vst1q_u8(out[i][b].as_mut_ptr(), bytes) };
                 }
             }
         }
     }
+}
+
+/// The rows of each plane's two octets.
+#[inline(always)]
+fn loaded<const ROWS: usize, const N: usize>(load: impl Fn(usize, usize) -> Pair) -> [[Pair; ROWS]; N] {
+    std::array::from_fn(|plane| std::array::from_fn(|row| load(plane, row)))
 }

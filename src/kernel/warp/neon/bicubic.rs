@@ -1,9 +1,10 @@
-//! Eight pixels from four by four neighbours each: [`super::super::cubic`], in the same steps.
+//! Sixteen pixels from four by four neighbours each, as two octets: [`super::super::cubic`], in the same steps.
 //!
 //! `vqrdmulh` is its rounded product of two numbers in 1/32768, but for -1 times -1, which does not come: no weight is that low.
 
 use std::arch::aarch64::*;
 
+use super::Pair;
 use crate::kernel::warp::cubic::{ALONG, DOWN};
 
 /// Weights of four neighbours for places `t` (1/32768, below 1) past the second; they sum up to `sum`.
@@ -42,28 +43,46 @@ fn along(x: uint16x8_t) -> impl Fn(uint8x16_t) -> int16x8_t {
     }
 }
 
-/// Mixes four rows; `y` in 1/4096 from the second to the third.
+/// Mixes four rows of each plane; `y` in 1/4096 from the second to the third, below 4096.
 #[target_feature(enable = "neon")]
 #[inline]
-pub(super) fn mix(x: uint16x8_t, y: int16x8_t, rows: [uint8x16_t; 4]) -> uint8x8_t {
-    finish(rows.map(along(x)), y)
+pub(super) fn mix<const N: usize>(x: [uint16x8_t; 2], y: [int16x8_t; 2], planes: [[Pair; 4]; N]) -> [uint8x16_t; N] {
+    let along = [along(x[0]), along(x[1])];
+    let down = y.map(|y| weights(vshlq_n_s16::<3>(y), DOWN));
+    planes.map(|rows| {
+        let [first, second] = [0, 1].map(|o| mean(rows.map(|row| along[o](row[o])), down[o]));
+        finish(first, second)
+    })
 }
 
 /// Mixes the first four or the last four rows, as `y` says.
 #[target_feature(enable = "neon")]
 #[inline]
-pub(super) fn mix_steep(x: uint16x8_t, y: int16x8_t, rows: [uint8x16_t; 5]) -> uint8x8_t {
-    let [a, b, c, d, e] = rows.map(along(x));
-    let below = vcgtq_s16(y, vdupq_n_s16(4095));
-    let either = |upper, lower| vbslq_s16(below, lower, upper);
-    finish([either(a, b), either(b, c), either(c, d), either(d, e)], y)
+pub(super) fn mix_steep<const N: usize>(x: [uint16x8_t; 2], y: [int16x8_t; 2], planes: [[Pair; 5]; N]) -> [uint8x16_t; N] {
+    let along = [along(x[0]), along(x[1])];
+    let below = y.map(|y| vcgtq_s16(y, vdupq_n_s16(4095)));
+    let down = y.map(|y| weights(vshlq_n_s16::<3>(vandq_s16(y, vdupq_n_s16(4095))), DOWN));
+    planes.map(|rows| {
+        let [first, second] = [0, 1].map(|o| {
+            let [a, b, c, d, e] = rows.map(|row| along[o](row[o]));
+            let either = |upper, lower| vbslq_s16(below[o], lower, upper);
+            mean([either(a, b), either(b, c), either(c, d), either(d, e)], down[o])
+        });
+        finish(first, second)
+    })
 }
 
-/// From four rows' values at each pixel's column to bytes.
+/// From four rows' values at each pixel's column to 64 times the grey level.
 #[target_feature(enable = "neon")]
 #[inline]
-fn finish(rows: [int16x8_t; 4], y: int16x8_t) -> uint8x8_t {
-    let down = weights(vshlq_n_s16::<3>(vandq_s16(y, vdupq_n_s16(4095))), DOWN);
+fn mean(rows: [int16x8_t; 4], down: [int16x8_t; 4]) -> int16x8_t {
     let [a, b, c, d] = std::array::from_fn(|i| vqrdmulhq_s16(rows[i], down[i]));
-    vqrshrun_n_s16::<6>(vaddq_s16(vaddq_s16(a, b), vaddq_s16(c, d)))
+    vaddq_s16(vaddq_s16(a, b), vaddq_s16(c, d))
+}
+
+/// From 64 times the grey level to bytes.
+#[target_feature(enable = "neon")]
+#[inline]
+fn finish(first: int16x8_t, second: int16x8_t) -> uint8x16_t {
+    vqrshrun_high_n_s16::<6>(vqrshrun_n_s16::<6>(first), second)
 }
