@@ -53,8 +53,9 @@ pub fn remember(features: &mut [Feature], tracks: &[Track], confidence: f64) {
 const MAX_STEPS: usize = 10;
 /// Where the next step would be shorter than this, the search ends on the finest level, and on the others (pixels of that level).
 const SETTLED: [f32; 2] = [0.004, 0.04];
-/// The least part of a step that the next one is expected to be: the first steps of a search say little of it.
-const MIN_SHRINKING: f32 = 0.25;
+/// The least part of a step that the next one is expected to be: the first steps of a search say little of it. With a quarter, the estimated
+/// path of clips rendered with known motion is 0.7 % worse in the mean; with a half, no better.
+const MIN_SHRINKING: f32 = 0.4;
 /// Steps are made at most twice as long: those that shrink more slowly do not do so evenly.
 const MAX_SHRINKING: f32 = 0.5;
 /// A step or a way longer than this on one level is a point lost (pixels of that level).
@@ -169,6 +170,7 @@ impl Tracker {
                 found.round_trip <= furthest && (0..2).all(|i| to[i] >= 1.0 && to[i] <= size[i] - 2.0)
             })
         };
+        let sharp = SHARP * (size[0] / SHARP_WIDTH).max(1.0);
         self.neighbours.begin(size);
         self.found.clear();
         for (i, feature) in features.iter().enumerate() {
@@ -178,7 +180,7 @@ impl Tracker {
                 lk::expect(new.luma, [next.at[0] + x, next.at[1] + y], N);
             }
             let near = |found: &Found, guess: [f32; 2]| {
-                found.sigma <= SHARP && hypot(found.shift[0] - guess[0], found.shift[1] - guess[1]) <= NEAR
+                found.sigma <= sharp && hypot(found.shift[0] - guess[0], found.shift[1] - guess[1]) <= NEAR
             };
             let trusted = feature.age >= TRUSTED.0 && feature.background > TRUSTED.1;
             let found = self
@@ -204,9 +206,11 @@ impl Tracker {
 }
 
 /// A point that ends no further than this from where a neighbour's motion takes it was found so (pixels), if its place is known as
-/// well as this (standard deviation, pixels). In noise, and where something moves on its own, only the pyramid tells what is what.
+/// well as this (standard deviation, pixels of a picture so many wide; as many degrees in a wider one, whose pixels are smaller behind lenses that
+/// are as soft). In noise, and where something moves on its own, only the pyramid tells what is what.
 const NEAR: f32 = 1.5;
 const SHARP: f32 = 0.06;
+const SHARP_WIDTH: f32 = 640.0;
 
 /// A point followed through this many pairs of frames, and this surely background, is trusted: where its neighbours' motion leads to it, the
 /// way back need not prove that it is the same point.
@@ -323,7 +327,7 @@ fn descend<const N: usize>(
         let here = at.map(|c| (c + 0.5) * scale - 0.5);
         template.take(level, old.plane(i), here);
         let start = way.shift.map(|s| s * scale);
-        match align(level, template, new.plane(i), here, start, SETTLED[i.min(1)]) {
+        match align(level, template, new.plane(i), here, start, i == 0) {
             Some(found) => way = Way { shift: found.shift.map(|s| s / scale), ..found },
             // a coarse level may show nothing of what the finest one shows
             None if i > 0 => {}
@@ -334,20 +338,21 @@ fn descend<const N: usize>(
 }
 
 /// The part of a step that the one after it was, along it: 0 to [`MAX_SHRINKING`]. Gauss-Newton's steps shrink by about the same part each
-/// time, and so all that are still to come can be taken at once: a step is worth 1 / (1 - part) of itself (Aitken's extrapolation).
+/// time, and so all that are still to come can be taken at once: a step is worth 1 / (1 - part) of itself (Aitken's extrapolation). Not on the
+/// finest level: few steps are made there, and plain ones end nearer to the place.
 fn shrinking(before: [f32; 2], now: [f32; 2]) -> f32 {
     let square = before[0] * before[0] + before[1] * before[1];
     ((before[0] * now[0] + before[1] * now[1]) / square).clamp(0.0, MAX_SHRINKING)
 }
 
-/// Gauss-Newton on one level, in its pixels, from the shift `start` on.
+/// Gauss-Newton on one level, the finest or another, in its pixels, from the shift `start` on.
 fn align<const N: usize>(
     level: Level,
     template: &mut lk::Template<N>,
     plane: PlaneRef<'_>,
     here: [f32; 2],
     start: [f32; 2],
-    settled: f32,
+    is_finest: bool,
 ) -> Option<Way> {
     let [xx, xy, yy] = template.gauss_newton;
     let determinant = xx * yy - xy * xy;
@@ -357,6 +362,7 @@ fn align<const N: usize>(
     if !(smaller > 0.25 * area && determinant > 0.0) {
         return None;
     }
+    let settled = SETTLED[usize::from(!is_finest)];
     let mut shift = start;
     let mut left = f32::INFINITY;
     let mut before: Option<[f32; 2]> = None;
@@ -367,7 +373,7 @@ fn align<const N: usize>(
         // what is left of the squares after the step: it takes as much as it is long along the slope
         left = step.square - step.sum * step.sum / area + (bx * delta[0] + by * delta[1]);
         let part = before.map_or(0.0, |before| shrinking(before, delta));
-        let scale = 1.0 / (1.0 - part);
+        let scale = if is_finest { 1.0 } else { 1.0 / (1.0 - part) };
         shift = [shift[0] + scale * delta[0], shift[1] + scale * delta[1]];
         let way = hypot(shift[0] - start[0], shift[1] - start[1]);
         if !way.is_finite() || way > FARTHEST {
