@@ -27,6 +27,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, bail, ensure};
 use gimbald::geometry::{Homography, OutputMap, Pinhole, Pose, RowPoses};
+use gimbald::random::Congruential;
 use gimbald::stage::crop::{self, Window};
 use gimbald::stage::shutter::RowSpan;
 use gimbald::stage::smooth::{self, Smoother, Tuning};
@@ -163,11 +164,8 @@ fn shake(kind: &str, seed: u64, seconds: f64, t: f64) -> anyhow::Result<Pose> {
 
 /// Numbers from 0 to 1, the same for the same seed.
 fn random(seed: u64) -> impl FnMut() -> f64 {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    }
+    let mut generator = Congruential::scattered(seed);
+    move || generator.unit()
 }
 
 /// What all paths are driven with.

@@ -16,7 +16,7 @@
 //!  3  pipeline                                      the journey of a frame: which stage is next, who owns the frame
 //!  2  stage | device | pipewire                     algorithms | cameras, outputs, files | PipeWire's library
 //!  1  kernel | frame                                loops over pixels, the only SIMD | a frame and what is known of it
-//!  0  geometry | image | rt                         points, rotations | pixels in memory | clock, wake-ups
+//!  0  geometry | image | random | rt                points, rotations | pixels in memory | seeded numbers | clock, wake-ups
 //! ```
 //!
 //! # The journey of a frame
@@ -103,6 +103,7 @@ pub mod kernel;
 pub mod log;
 pub mod pipeline;
 pub mod pipewire;
+pub mod random;
 pub mod report;
 pub mod rt;
 pub mod share;

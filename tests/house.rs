@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 const FLOORS: &[(&str, &[&str])] = &[
     ("geometry", &[]),
     ("image", &[]),
+    ("random", &[]),
     ("rt", &[]),
     ("kernel", &["image"]),
     ("frame", &["geometry", "image"]),
-    ("stage", &["kernel", "frame", "geometry", "image"]),
-    ("device", &["kernel", "frame", "geometry", "image", "rt"]),
+    ("stage", &["kernel", "frame", "geometry", "image", "random"]),
+    ("device", &["kernel", "frame", "geometry", "image", "random", "rt"]),
     ("share", &["device", "kernel", "frame", "image", "rt"]),
     ("pipewire", &["rt"]),
     ("companion", &["pipewire", "share", "device", "kernel", "image", "rt"]),
@@ -51,6 +52,7 @@ const FLOORS: &[(&str, &[&str])] = &[
 const ABSENT: &[(&str, &[&str])] = &[
     ("geometry", &["std::fs", "std::thread", "Instant", ".hypot("]),
     ("image", &["std::fs", "std::thread", "Instant"]),
+    ("random", &["std::fs", "std::thread", "Instant"]),
     ("kernel", &["std::fs", "std::thread", "Instant", "Vec::new", "Box::new"]),
     (
         "stage",

@@ -2,10 +2,11 @@
 
 mod common;
 
-use common::{Random, drawn_frame, film, frame_of, quantile};
+use common::{drawn_frame, film, frame_of, normal, quantile};
 use gimbald::device::synthetic::{self, Motion, Synthetic};
 use gimbald::frame::{Frame, Track};
 use gimbald::kernel::Level;
+use gimbald::random::SplitMix;
 use gimbald::stage::{detect, track};
 
 const SIZE: [usize; 2] = [320, 240];
@@ -26,10 +27,10 @@ fn wall(x: f64, y: f64) -> f64 {
     for (cell, height) in [(53.0, 45.0), (13.0, 45.0)] {
         let (column, row) = ((x / cell).floor(), (y / cell).floor());
         for (i, j) in [-1.0, 0.0, 1.0].into_iter().flat_map(|j| [-1.0, 0.0, 1.0].map(|i| (column + i, row + j))) {
-            let mut random = Random(((i as i64 as u64) << 32) ^ (j as i64 as u64 & 0xffff_ffff) ^ cell as u64);
-            let centre = [(i + 0.5 + 0.4 * random.even()) * cell, (j + 0.5 + 0.4 * random.even()) * cell];
-            let half = [0.2 + 0.25 * random.even().abs(), 0.2 + 0.25 * random.even().abs()].map(|h| h * cell);
-            let height = height * random.even();
+            let mut random = SplitMix::new(((i as i64 as u64) << 32) ^ (j as i64 as u64 & 0xffff_ffff) ^ cell as u64);
+            let centre = [(i + 0.5 + 0.4 * random.signed()) * cell, (j + 0.5 + 0.4 * random.signed()) * cell];
+            let half = [0.2 + 0.25 * random.signed().abs(), 0.2 + 0.25 * random.signed().abs()].map(|h| h * cell);
+            let height = height * random.signed();
             let inside = |d: f64, half: f64| 1.0 / (1.0 + (-(half - d.abs()) / (0.5 * EDGE)).exp());
             value += height * inside(x - centre[0], half[0]) * inside(y - centre[1], half[1]);
         }
@@ -80,10 +81,10 @@ const MOVES: [Move; 9] = [
 /// The wall before and after a motion, with noise of the given deviation.
 fn pair(motion: Move, noise: f64) -> (Frame, Frame) {
     let draw = |seed: u64, at: &dyn Fn([f64; 2]) -> [f64; 2]| {
-        let random = std::cell::RefCell::new(Random(seed));
+        let random = std::cell::RefCell::new(SplitMix::new(seed));
         drawn_frame(SIZE[0], SIZE[1], |x, y| {
             let [x, y] = at([x, y]);
-            wall(x, y) + if noise > 0.0 { noise * random.borrow_mut().normal() } else { 0.0 }
+            wall(x, y) + if noise > 0.0 { noise * normal(&mut random.borrow_mut()) } else { 0.0 }
         })
     };
     (draw(11, &|p| p), draw(12, &|p| motion.from(p)))

@@ -157,6 +157,7 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
 mod tests {
     use super::*;
     use crate::image::Plane;
+    use crate::random::Congruential;
 
     #[test]
     fn finds_the_corner_of_a_square_and_nothing_on_its_edges() {
@@ -175,11 +176,8 @@ mod tests {
     /// Against the definition: the gradient matrix summed over the window, at every place.
     #[test]
     fn every_level_finds_what_the_definition_says() {
-        let mut state = 1u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 24) as u8
-        };
+        let mut generator = Congruential::new(1);
+        let mut noise = || generator.byte();
         for [width, height] in [[9, 9], [17, 12], [40, 40], [45, 50], [33, 80]] {
             let mut plane = Plane::<u8>::new(width, height);
             plane.samples_mut().iter_mut().for_each(|sample| *sample = noise());

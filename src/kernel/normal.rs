@@ -145,13 +145,11 @@ fn evaluate_body(points: &[[f64; 4]; POINTS], weights: &[[f64; POINTS]], rates: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Congruential;
 
     fn numbers<const N: usize>(count: usize, seed: u64) -> Vec<[f64; N]> {
-        let mut state = seed;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut generator = Congruential::new(seed);
+        let mut random = || generator.signed();
         (0..count).map(|_| std::array::from_fn(|_| random())).collect()
     }
 

@@ -9,6 +9,7 @@ use gimbald::frame::{Fit, Frame, FrameFlags, Outcome, PathParameters, Stamp, Tra
 use gimbald::geometry::{OutputMap, RowMotion};
 use gimbald::image::{Picture, PictureRef, PixelFormat};
 use gimbald::kernel::Level;
+use gimbald::random::{Congruential, SplitMix};
 use gimbald::stage::pyramid;
 use gimbald::stage::unpack::Unpack;
 
@@ -24,10 +25,9 @@ impl Shot {
     /// A planar or grey picture of noise, or of one colour where `contrast` is 0.
     pub fn noise(pixel: PixelFormat, [width, height]: [u32; 2], mean: u8, contrast: u8, seed: u64) -> Self {
         let format = StreamFormat::tight(width, height, pixel, (1, 30));
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut random = Congruential::scattered(seed);
         let bytes = (0..format.frame_bytes().unwrap()).map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            let part = (state >> 40) as f64 / f64::from(1 << 24) - 0.5;
+            let part = (random.bits() >> 40) as f64 / f64::from(1 << 24) - 0.5;
             (f64::from(mean) + part * f64::from(contrast)).clamp(0.0, 255.0) as u8
         });
         Self { format, bytes: bytes.collect(), stamp: Stamp::default() }
@@ -225,27 +225,9 @@ pub fn drawn_frame(width: usize, height: usize, brightness: impl Fn(f64, f64) ->
     frame
 }
 
-/// Numbers that look random and are the same every time.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Between -1 and 1.
-    pub fn even(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    /// Normally distributed, deviation 1 (the sum of twelve).
-    pub fn normal(&mut self) -> f64 {
-        0.5 * (0..12).map(|_| self.even()).sum::<f64>()
-    }
+/// About normally distributed, standard deviation 1: the sum of twelve.
+pub fn normal(random: &mut SplitMix) -> f64 {
+    0.5 * (0..12).map(|_| random.signed()).sum::<f64>()
 }
 
 /// The value below which the part `share` of `values` lies.

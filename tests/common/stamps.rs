@@ -1,6 +1,6 @@
 //! Frames of an even camera, stamped as drivers do it that stamp on arrival: late by what varies, in bursts, after stalls.
 
-use super::{Random, Shot};
+use super::{Shot, normal};
 
 /// How frames are stamped; times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,13 +59,13 @@ pub const ALL: [Stamped; 20] = [
 /// Stamps `shots`, the frames of a camera of `fps` frames a second, and leaves out those that never came. Gives the numbers of those left.
 pub fn stamp(shots: &mut Vec<Shot>, stamped: Stamped, fps: f64, seed: u64) -> Vec<u64> {
     let (ms, period_ms) = (1e6, 1e3 / fps);
-    let mut random = Random(seed);
+    let mut random = SplitMix::new(seed);
     let (mut due_ms, mut last_ms) = (0.0_f64, 0.0_f64);
     let (mut count, mut came) = (0, Vec::new());
     for (n, mut shot) in (0u64..).zip(std::mem::take(shots)) {
         let true_ms = 50_000.0 + n as f64 * period_ms;
         let is_missing = match stamped {
-            Stamped::Dropped { .. } => n > 0 && random.even() < -0.75,
+            Stamped::Dropped { .. } => n > 0 && random.signed() < -0.75,
             Stamped::Halved => n / 40 % 2 == 1 && n % 2 == 1,
             _ => false,
         };
@@ -73,11 +73,11 @@ pub fn stamp(shots: &mut Vec<Shot>, stamped: Stamped, fps: f64, seed: u64) -> Ve
             continue;
         }
         let time_ms = match stamped {
-            Stamped::Jitter(deviation_ms) => true_ms + deviation_ms * random.normal(),
-            Stamped::Late(most_ms) if random.even() < -0.8 => true_ms + 0.5 * most_ms * (1.0 + random.even()),
+            Stamped::Jitter(deviation_ms) => true_ms + deviation_ms * normal(&mut random),
+            Stamped::Late(most_ms) if random.signed() < -0.8 => true_ms + 0.5 * most_ms * (1.0 + random.signed()),
             Stamped::Bursts(size) => true_ms + (size - 1 - n % size) as f64 * (period_ms - 1.0),
             Stamped::Stalls(stall_ms) => {
-                let came_ms = true_ms + random.normal();
+                let came_ms = true_ms + normal(&mut random);
                 due_ms = if n % 30 == 29 { came_ms + stall_ms } else { due_ms };
                 came_ms.max(due_ms).max(last_ms + 1.0)
             }
@@ -86,7 +86,7 @@ pub fn stamp(shots: &mut Vec<Shot>, stamped: Stamped, fps: f64, seed: u64) -> Ve
             Stamped::SetBack => true_ms - 200.0 * (n / 30) as f64,
             Stamped::Equal if n % 10 == 9 => last_ms,
             Stamped::Foreign if n >= 60 => true_ms + 1.7e12,
-            Stamped::Dropped { .. } => true_ms + random.normal(),
+            Stamped::Dropped { .. } => true_ms + normal(&mut random),
             _ => true_ms,
         };
         last_ms = time_ms;

@@ -6,7 +6,6 @@
 mod motion;
 mod optics;
 mod patterns;
-mod random;
 mod room;
 mod scene;
 
@@ -16,9 +15,10 @@ use super::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
 use crate::frame::{FrameFlags, Stamp};
 use crate::geometry::Pose;
 use crate::image::{Colour, PixelFormat, Range, Siting};
+use crate::random::{SplitMix, mix};
 use motion::Path;
 use optics::Optics;
-use random::{Random, mix};
+
 use scene::{Scene, Texture};
 
 /// Settings of the synthetic camera.
@@ -126,7 +126,7 @@ impl Synthetic {
         }
         let mut format = StreamFormat::tight(p.width, p.height, PixelFormat::I420, interval(p.fps));
         format.colour = Colour { range: Range::Limited, siting: Siting::Centre };
-        let mut random = Random::new(p.seed ^ 0x006e_6f69_7365);
+        let mut random = SplitMix::new(p.seed ^ 0x006e_6f69_7365);
         let noises = if p.noise > 0.0 { NOISES } else { 0 };
         let luma = p.width as usize * p.height as usize;
         let chroma = p.width.div_ceil(2) as usize * p.height.div_ceil(2) as usize;

@@ -1,7 +1,7 @@
 //! How the synthetic camera moves: smooth functions of time, known for every instant, the same for the same seed.
 
-use super::random::Random;
 use crate::geometry::{PITCH, Pose, ROLL, YAW};
+use crate::random::SplitMix;
 use std::f64::consts::TAU;
 use std::str::FromStr;
 
@@ -79,7 +79,7 @@ pub(super) struct Path {
 impl Path {
     /// `duration_s` is where the clip ends, which says when a pan begins.
     pub(super) fn new(motion: Motion, gain: f64, seed: u64, duration_s: f64) -> Self {
-        let mut random = Random::new(seed ^ 0x6d6f_7469_6f6e);
+        let mut random = SplitMix::new(seed ^ 0x6d6f_7469_6f6e);
         let mut axes: [Vec<Sine>; 4] = Default::default();
         let [yaw, pitch, roll, zoom] = &mut axes;
         let one = |degrees: f64, hz: f64, phase: f64| Sine { amplitude: degrees.to_radians(), hz, phase };
@@ -133,7 +133,7 @@ impl Path {
             if n < 0.0 {
                 continue;
             }
-            let mut random = Random::new(self.seed ^ (n as u64 + 1).wrapping_mul(0x6b6e_6f63_6b21));
+            let mut random = SplitMix::new(self.seed ^ (n as u64 + 1).wrapping_mul(0x6b6e_6f63_6b21));
             let since = t - (n * EVERY + random.uniform(0.1, 1.3));
             let (hz, degrees, decay) = (random.uniform(8.0, 11.0), random.uniform(0.5, 1.2), random.uniform(0.25, 0.45));
             let (yaw, roll) = (random.uniform(-0.5, 0.5), random.uniform(-0.2, 0.2));
@@ -148,7 +148,7 @@ impl Path {
 }
 
 /// Adds noise of the given RMS within `low` to `high` Hz: 24 sines, the slower the stronger (as 1 / sqrt f).
-fn band(random: &mut Random, axis: &mut Vec<Sine>, low: f64, high: f64, rms: f64) {
+fn band(random: &mut SplitMix, axis: &mut Vec<Sine>, low: f64, high: f64, rms: f64) {
     const SINES: usize = 24;
     let step = (high - low) / SINES as f64;
     let first = axis.len();

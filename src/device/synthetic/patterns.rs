@@ -1,8 +1,8 @@
 //! Printed rectangles, all upright and of one size, each on a white card: what the paper's Figs. 9 to 11 look at. Between the cards there are
 //! smaller, paler things, no two alike, so that points can be followed.
 
-use super::random::Random;
 use super::scene::{Outline, Painter};
+use crate::random::SplitMix;
 
 /// Half the width and height of a rectangle and of its card, pixels of a camera that is 640 wide.
 const HALF: [f64; 2] = [28.0, 40.0];
@@ -21,7 +21,7 @@ const BLACK: [f64; 3] = [10.0; 3];
 pub(super) fn draw(canvas: &mut Painter, width: u32, seed: u64) {
     let scale = f64::from(width) / 640.0;
     let middle = canvas.middle();
-    let mut random = Random::new(seed ^ 0x7061_7474);
+    let mut random = SplitMix::new(seed ^ 0x7061_7474);
     let mut paint = |outline, at: [f64; 2], half: [f64; 2], angle: f64, colour: [f64; 3]| {
         let centre = [middle[0] + at[0] * scale, middle[1] + at[1] * scale];
         canvas.paint(outline, centre, half.map(|half| half * scale), angle, colour);

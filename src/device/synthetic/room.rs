@@ -3,8 +3,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::random::Random;
 use super::scene::{Outline, Painter};
+use crate::random::SplitMix;
 
 /// Red, green and blue, 0 to 255.
 type Rgb = [f64; 3];
@@ -35,7 +35,7 @@ const HOUSES: [Rgb; 4] = [[150.0, 120.0, 104.0], [168.0, 150.0, 132.0], [128.0, 
 
 /// Draws the room for a camera of `width` pixels; `canvas` has the texels of luma.
 pub(super) fn draw(canvas: &mut Painter, width: u32, seed: u64) {
-    let mut room = Room { canvas, scale: f64::from(width) / SEEN, random: Random::new(seed ^ 0x726f_6f6d) };
+    let mut room = Room { canvas, scale: f64::from(width) / SEEN, random: SplitMix::new(seed ^ 0x726f_6f6d) };
     room.wall();
     room.window();
     room.pictures();
@@ -53,7 +53,7 @@ struct Room<'a> {
     canvas: &'a mut Painter,
     /// Texels of a unit.
     scale: f64,
-    random: Random,
+    random: SplitMix,
 }
 
 /// A colour, darker or lighter.

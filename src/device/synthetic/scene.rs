@@ -5,8 +5,8 @@
 //! corners wherever and from however far one looks. Edges are softened over about two texels, so that the wall may be sampled at a
 //! fraction of a texel.
 
-use super::random::{Random, mix};
 use super::{patterns, room};
+use crate::random::{SplitMix, mix};
 
 /// Luma texels in a row.
 const WIDTH: usize = 2048;
@@ -39,7 +39,7 @@ impl Scene {
         let octaves = [(300.0, 10.0), (90.0, 5.0)];
         let mut u = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 1, &octaves, 128.0);
         let mut v = Canvas::clouds(WIDTH / 2, HEIGHT / 2, seed ^ 2, &octaves, 128.0);
-        let mut random = Random::new(seed ^ 0x0073_6365_6e65);
+        let mut random = SplitMix::new(seed ^ 0x0073_6365_6e65);
         for (count, smallest, largest) in [(140, 40.0, 150.0), (900, 12.0, 45.0), (7000, 3.0, 11.0)] {
             for _ in 0..count {
                 let shape = Shape::new(&mut random, smallest, largest);
@@ -152,11 +152,11 @@ struct Shape {
 }
 
 impl Shape {
-    fn new(random: &mut Random, smallest: f64, largest: f64) -> Self {
+    fn new(random: &mut SplitMix, smallest: f64, largest: f64) -> Self {
         // Most stand upright, as what people build does: so one sees a picture lean.
         let upright = !random.bits().is_multiple_of(4);
         let (sin, cos) = if upright { (0.0, 1.0) } else { random.uniform(0.0, std::f64::consts::TAU).sin_cos() };
-        let size = |random: &mut Random| random.uniform(smallest, largest) as f32;
+        let size = |random: &mut SplitMix| random.uniform(smallest, largest) as f32;
         Self {
             centre: [random.uniform(0.0, WIDTH as f64) as f32, random.uniform(0.0, HEIGHT as f64) as f32],
             half: [size(random), size(random)],

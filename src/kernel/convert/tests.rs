@@ -5,17 +5,15 @@ use crate::image::{
     FromRgb, Picture, PictureRef, PixelFormat, Plane, PlaneMut, PlaneRef, Range, RawLayout, Sampling, ToLimited,
 };
 use crate::kernel::Level;
+use crate::random::Congruential;
 use proptest::prelude::*;
 
 const CANARY: u8 = 0xa5;
 
 /// Samples with no pattern, extremes among them.
 fn noise(seed: u64, len: usize) -> Vec<u8> {
-    let mut state = seed | 1;
-    let mut next = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 56) as u8
-    };
+    let mut generator = Congruential::new(seed | 1);
+    let mut next = || generator.byte();
     (0..len).map(|_| [0, 255, next(), next()][usize::from(next()) & 3]).collect()
 }
 

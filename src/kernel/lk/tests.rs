@@ -2,16 +2,16 @@
 
 use super::*;
 use crate::image::Plane;
+use crate::random::Congruential;
 use proptest::prelude::*;
 
 /// A plane of waves and noise, or of nothing but extremes.
 fn plane(width: usize, height: usize, seed: u64, extreme: bool) -> Plane {
     let mut plane = Plane::<u8>::new(width, height);
-    let mut state = seed | 1;
+    let mut generator = Congruential::new(seed | 1);
     for y in 0..height {
         for (x, out) in plane.row_mut(y).iter_mut().enumerate() {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            let noise = (state >> 56) as u8;
+            let noise = generator.byte();
             *out = if extreme {
                 [0, 255][usize::from(noise & 1)]
             } else {

@@ -57,7 +57,7 @@ fn levels_agree(shape: Shape, what: &str, mut found: impl FnMut(Level) -> Vec<u8
 
 #[test]
 fn unpacking_stays_in_its_planes() {
-    let mut random = Random(8);
+    let mut random = Random::new(8);
     let (mut bytes, mut rooms) = (room(), Rooms::new());
     for shape in Shape::all() {
         // a plane of bytes, so many to a row
@@ -89,7 +89,7 @@ fn unpacking_stays_in_its_planes() {
 
 #[test]
 fn thinning_stays_in_its_planes() {
-    let mut random = Random(9);
+    let mut random = Random::new(9);
     let (mut from, mut into) = (room(), room());
     for shape in Shape::all() {
         let plane = shape.plane(&mut from, &mut random);
@@ -110,7 +110,7 @@ fn thinning_stays_in_its_planes() {
 
 #[test]
 fn the_change_of_range_stays_in_its_planes() {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     let (mut from, mut into) = (room(), room());
     for shape in Shape::all() {
         let plane = shape.plane(&mut from, &mut random);
@@ -129,7 +129,7 @@ fn the_change_of_range_stays_in_its_planes() {
 
 #[test]
 fn packing_stays_in_its_bytes() {
-    let mut random = Random(10);
+    let mut random = Random::new(10);
     let (mut rooms, mut bytes) = (Rooms::new(), room());
     for (n, shape) in Shape::all().enumerate() {
         let sampling = SAMPLINGS[n / 4 % 4];

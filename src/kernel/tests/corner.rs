@@ -6,7 +6,7 @@ use crate::kernel::corner::strongest;
 
 #[test]
 fn searches_stay_in_their_planes() {
-    let mut random = Random(6);
+    let mut random = Random::new(6);
     let mut samples = Fenced::new((MAX + 4) * (MAX + 4));
     for shape in Shape::all() {
         let plane = shape.plane(&mut samples, &mut random);

@@ -53,7 +53,7 @@ fn levels_agree<const N: usize>(random: &mut Random, from: PlaneRef<'_>, to: Pla
 
 #[test]
 fn patches_stay_in_their_planes() {
-    let mut random = Random(4);
+    let mut random = Random::new(4);
     let room = || Fenced::new((MAX + 4) * (MAX + 4));
     let (mut from, mut to) = (room(), room());
     let (mut small, mut usual, mut large): ([Template<8>; 2], [Template<16>; 2], [Template<24>; 2]) = Default::default();

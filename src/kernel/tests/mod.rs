@@ -11,6 +11,7 @@ mod warp;
 
 use super::*;
 use crate::image::PlaneRef;
+use crate::random::SplitMix;
 use fenced::{Edge, Fenced};
 
 /// The largest width and height of all those that are tried one by one.
@@ -25,26 +26,22 @@ fn the_cap_holds() {
     assert_eq!(Level::all().next(), Some(Level::SCALAR));
 }
 
-/// A seeded source of numbers, the same on every run (SplitMix64: G. Steele and others, "Fast splittable pseudorandom number
-/// generators", 2014).
-struct Random(u64);
+/// Numbers that kernels are tried with.
+struct Random(SplitMix);
 
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        mixed ^ (mixed >> 31)
+    fn new(seed: u64) -> Self {
+        Self(SplitMix::new(seed))
     }
 
     /// A whole number below `limit`.
     fn below(&mut self, limit: usize) -> usize {
-        (self.next() % limit as u64) as usize
+        self.0.below(limit)
     }
 
     /// A whole number from `low` to `high`, both included.
     fn between(&mut self, low: i64, high: i64) -> i64 {
-        low + (self.next() % (high - low + 1) as u64) as i64
+        low + (self.0.bits() % (high - low + 1) as u64) as i64
     }
 
     fn of<T: Copy>(&mut self, values: &[T]) -> T {
@@ -53,7 +50,7 @@ impl Random {
 
     /// A sample; many are the least or the greatest there is.
     fn sample(&mut self) -> u8 {
-        let noise = self.next();
+        let noise = self.0.bits();
         [0, 255, noise as u8, (noise >> 8) as u8][(noise >> 62) as usize]
     }
 }

@@ -15,7 +15,7 @@ fn bits(numbers: &[f64]) -> Vec<u64> {
 
 #[test]
 fn sums_stay_in_their_slices() {
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     let mut scale = Fenced::<f64>::new(MAX);
     let (mut weights, mut rates) = (Fenced::<[f64; POINTS]>::new(MAX), Fenced::<[f64; CURVE]>::new(MAX));
     let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MAX), Fenced::<[f64; BROAD]>::new(MAX));

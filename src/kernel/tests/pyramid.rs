@@ -10,7 +10,7 @@ const WIDE: [usize; 12] = [65, 66, 67, 68, 69, 70, 1025, 1026, 1059, 1060, 1061,
 
 #[test]
 fn halving_stays_in_its_planes() {
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let (mut samples, mut out) = (Fenced::new(1110 * 9), Fenced::new(560 * 9));
     let wide = WIDE.into_iter().flat_map(|width| [5, 6, 7, 9].into_iter().flat_map(move |height| Shape::of(width, height)));
     for shape in Shape::all().chain(wide) {

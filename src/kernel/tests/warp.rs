@@ -49,7 +49,7 @@ fn line(random: &mut Random, size: usize, wide: usize, steps: [i32; 2], reach: i
 #[test]
 fn rows_stay_in_their_slices() {
     const CELLS: [usize; 3] = [1, 2, 33];
-    let mut random = Random(1);
+    let mut random = Random::new(1);
     let room = || Fenced::new((MAX + 4) * (MAX + 4));
     let (mut samples, mut others, mut out, mut beside) = (room(), room(), Fenced::new(33 * 64), Fenced::new(33 * 64));
     let mut numbers: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(33));
@@ -104,7 +104,7 @@ fn rows_stay_in_their_slices() {
 /// Rows that the 16.16 fixed point of a place can wrap around on, and planes wider and higher than it can say.
 #[test]
 fn places_that_wrap_around_are_drawn_alike() {
-    let mut random = Random(2);
+    let mut random = Random::new(2);
     for (width, height) in [(70_000, 3), (3, 40_000), (32_769, 2), (1, 1)] {
         let shape = Shape { width, height, stride: width, edge: Edge::End };
         let mut samples = Fenced::new(shape.len());
@@ -148,7 +148,7 @@ fn cells_are_as_many_as_have_all_their_numbers() {
 /// Nodes of any mesh, and lines between any nodes.
 #[test]
 fn nodes_and_lines_stay_in_their_slices() {
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     let mut room: [Fenced<i32>; 4] = std::array::from_fn(|_| Fenced::new(MAX + 1));
     let extremes = [0.0, -0.0, 1.0, -1e-9, 1e30, f64::MIN_POSITIVE, f64::MAX, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
     for (count, edge) in (1..=MAX).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
@@ -186,5 +186,5 @@ fn nodes_and_lines_stay_in_their_slices() {
 }
 
 fn random_row(count: usize) -> f64 {
-    Random(count as u64).of(&[0.0, 24.0, 1e9, -1e300])
+    Random::new(count as u64).of(&[0.0, 24.0, 1e9, -1e300])
 }

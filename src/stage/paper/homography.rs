@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::frame::{Fit, Track};
 use crate::geometry::{Homography, hypot};
+use crate::random::SplitMix;
 
 /// Which entries of the homography are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,7 +56,7 @@ const REFINEMENTS: usize = 6;
 #[derive(Debug)]
 pub struct Fitter {
     params: Params,
-    state: u64,
+    random: SplitMix,
     lengths: Vec<f64>,
 }
 
@@ -65,7 +66,7 @@ type Entries = SVector<f64, 8>;
 impl Fitter {
     /// A fitter whose random choices follow from the settings' seed.
     pub fn new(params: Params) -> Self {
-        Self { params, state: params.seed, lengths: Vec::with_capacity(MAX_TRACKS) }
+        Self { params, random: SplitMix::new(params.seed), lengths: Vec::with_capacity(MAX_TRACKS) }
     }
 
     /// Takes form and threshold from `params`; the random choices go on as they would.
@@ -132,7 +133,7 @@ impl Fitter {
             tried += 1;
             let mut sample = [([0.0; 2], [0.0; 2]); 4];
             for point in &mut sample[..size] {
-                *point = frame.pair(&tracks[self.random(tracks.len())]);
+                *point = frame.pair(&tracks[self.random.below(tracks.len())]);
             }
             let hypothesis = match self.params.form {
                 Form::Constrained => constrained([sample[0], sample[1], sample[2]]),
@@ -156,16 +157,6 @@ impl Fitter {
             }
         }
         best.map(|(_, entries)| entries)
-    }
-
-    /// A number below `below`: splitmix64 (Steele, Lea, Flood 2014), scaled.
-    fn random(&mut self, below: usize) -> usize {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
-        ((u128::from(z) * below as u128) >> 64) as usize
     }
 }
 

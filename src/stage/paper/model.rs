@@ -197,14 +197,12 @@ pub fn stabilized_motion(u: [PathParameters; 2], s: [PathParameters; 2]) -> Path
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Congruential;
 
     #[test]
     fn the_decomposition_inverts_the_composition() {
-        let mut state = 7u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut generator = Congruential::new(7);
+        let mut random = || generator.signed();
         for _ in 0..2000 {
             let mut motion = || Zoom { a: 1.0 + 0.1 * random(), c: 40.0 * random(), d: 40.0 * random() };
             let (now, next) = (motion(), motion());

@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use super::*;
+use crate::random::Congruential;
 
 fn run(rate: f64, seconds: f64, cutoff_hz: f64, path: impl Fn(f64) -> f64) -> f64 {
     let mut smoother = Smoother::new(&Params { mode: Mode::Iir, cutoff_hz, ..Params::default() });
@@ -109,11 +110,8 @@ fn follow_late(late: usize, rate: f64, seconds: f64, path: impl Fn(f64) -> [f64;
 
 /// Sums of sines from 0.2 to 8 Hz, of about `rms` pixels, and a slow drift.
 fn shake(seed: u64, rms: f64) -> impl Fn(f64) -> [f64; 4] {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut random = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
+    let mut generator = Congruential::scattered(seed);
+    let mut random = move || generator.unit();
     let waves: [[[f64; 3]; 8]; 4] = std::array::from_fn(|c| {
         std::array::from_fn(|_| {
             let hz = 0.2 * 40f64.powf(random());

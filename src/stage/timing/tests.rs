@@ -2,23 +2,14 @@
 
 use super::*;
 use crate::frame::FrameFlags;
+use crate::random::Congruential;
 
 /// 30 frames a second.
 const PERIOD_NS: f64 = 1e9 / 30.0;
 
-/// Evenly spread in 0..1, the same in each run.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// About normal, of standard deviation 1.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
-    }
+/// About normal, of standard deviation 1.
+fn normal(random: &mut Congruential) -> f64 {
+    (0..12).map(|_| random.unit()).sum::<f64>() - 6.0
 }
 
 /// A frame: its stamp, and its true time (nanoseconds).
@@ -57,13 +48,13 @@ fn judged(given: &[Given], from: usize) -> (f64, f64) {
 
 #[test]
 fn even_times_are_taken_to_the_nanosecond() {
-    let mut random = Random(1);
+    let mut random = Congruential::new(1);
     for rate in [7.5, 15.0, 24.0, 25.0, 29.97, 30.0, 60.0, 90.0] {
         for wobble_ns in [0.0, 50_000.0] {
             let mut timing = Timing::new(1.0 / rate);
             let mut last: Option<(Stamp, Moment)> = None;
             for n in 0..200 {
-                let stamp = stamp(n as f64 * 1e9 / rate + wobble_ns * random.next(), 3 * n);
+                let stamp = stamp(n as f64 * 1e9 / rate + wobble_ns * random.unit(), 3 * n);
                 let stamp = Stamp { sequence: n, ..stamp };
                 let moment = timing.judge(&stamp);
                 if let Some((before, judged)) = last {
@@ -81,14 +72,14 @@ fn frames_stamped_late_come_back_to_the_rhythm() {
     const MS: f64 = 1e6;
     for seed in 1..6 {
         for (name, largest, raw) in [("1 ms", 0.02, 1.0), ("3 ms", 0.03, 3.0), ("8 ms", 0.06, 8.0)] {
-            let mut random = Random(seed);
-            let given = delayed(400, |_| raw * MS * random.normal());
+            let mut random = Congruential::new(seed);
+            let given = delayed(400, |_| raw * MS * normal(&mut random));
             let (error, unsure) = judged(&given, 50);
             assert!(error < largest && unsure < 0.08, "jitter of {name}, seed {seed}: {error:.3}, {unsure:.3}");
         }
         for late_ms in [20.0, 40.0] {
-            let mut random = Random(seed);
-            let mut late = || if random.next() < 0.1 { late_ms * MS * random.next() } else { 0.0 };
+            let mut random = Congruential::new(seed);
+            let mut late = || if random.unit() < 0.1 { late_ms * MS * random.unit() } else { 0.0 };
             let given = delayed(400, |_| late());
             let (error, unsure) = judged(&given, 50);
             assert!(error < 0.03 && unsure < 0.04, "a tenth late by up to {late_ms} ms, seed {seed}: {error:.3}, {unsure:.3}");
@@ -109,10 +100,10 @@ fn bursts_are_spread_out() {
 fn a_stall_is_believed_once_and_its_burst_is_spread_out() {
     for stall_ms in [50.0, 166.0, 500.0] {
         for seed in 1..4 {
-            let (mut random, mut due_ns, mut last_ns) = (Random(seed), 0.0_f64, f64::MIN);
+            let (mut random, mut due_ns, mut last_ns) = (Congruential::new(seed), 0.0_f64, f64::MIN);
             let given = delayed(400, |n| {
                 let true_ns = n as f64 * PERIOD_NS;
-                let came_ns = true_ns + 1e6 * random.normal();
+                let came_ns = true_ns + 1e6 * normal(&mut random);
                 if n % 30 == 29 {
                     due_ns = came_ns + 1e6 * stall_ms;
                 }
@@ -144,8 +135,8 @@ fn another_rate_and_gaps_are_followed_at_once() {
         }
     }
     for counts in [true, false] {
-        let mut random = Random(9);
-        let kept: Vec<Given> = delayed(500, |_| 0.0).into_iter().filter(|_| random.next() > 0.15).collect();
+        let mut random = Congruential::new(9);
+        let kept: Vec<Given> = delayed(500, |_| 0.0).into_iter().filter(|_| random.unit() > 0.15).collect();
         let kept: Vec<Given> = (0..)
             .zip(kept)
             .map(|(n, (stamp, true_ns))| (Stamp { sequence: if counts { stamp.sequence } else { n }, ..stamp }, true_ns))
@@ -159,9 +150,9 @@ fn another_rate_and_gaps_are_followed_at_once() {
 #[test]
 fn gaps_behind_jitter_are_real_time() {
     for seed in 1..6 {
-        let mut random = Random(seed);
-        let given = delayed(500, |_| 3e6 * random.normal());
-        let kept: Vec<Given> = given.into_iter().filter(|_| random.next() > 0.15).collect();
+        let mut random = Congruential::new(seed);
+        let given = delayed(500, |_| 3e6 * normal(&mut random));
+        let kept: Vec<Given> = given.into_iter().filter(|_| random.unit() > 0.15).collect();
         let (error, unsure) = judged(&kept, 50);
         assert!(error < 0.04 && unsure < 0.06, "seed {seed}: {error:.3}, {unsure:.3}");
     }

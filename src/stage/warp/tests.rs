@@ -3,6 +3,7 @@
 use super::*;
 use crate::geometry::{Homography, Pinhole, Pose, RowPoses};
 use crate::image::Picture;
+use crate::random::Congruential;
 
 const SAMPLINGS: [Sampling; 4] = [Sampling::Mono, Sampling::S420, Sampling::S422, Sampling::S444];
 
@@ -27,12 +28,11 @@ fn ruler(sampling: Sampling, [width, height]: [usize; 2], axis: usize) -> Pictur
 
 fn noise(sampling: Sampling, width: usize, height: usize) -> Picture {
     let mut picture = Picture::new(sampling, width, height);
-    let mut state = 1u32;
+    let mut generator = Congruential::new(1);
     for plane in &mut picture.as_mut().planes {
         for y in 0..plane.height() {
             for out in plane.row_mut(y) {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                *out = (state >> 24) as u8;
+                *out = generator.byte();
             }
         }
     }

@@ -197,6 +197,7 @@ fn solve<'a>(sights: impl Iterator<Item = (&'a Sight, f64)>) -> Option<Turn> {
 mod tests {
     use super::*;
     use crate::geometry::Pinhole;
+    use crate::random::Congruential;
 
     const SIZE: [usize; 2] = [640, 480];
 
@@ -218,11 +219,8 @@ mod tests {
     }
 
     fn random() -> impl FnMut(usize) -> usize {
-        let mut state = 7u64;
-        move |below| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((u128::from(state) * below as u128) >> 64) as usize
-        }
+        let mut generator = Congruential::new(7);
+        move |limit| generator.below(limit)
     }
 
     /// Half the tracks are a person's who covers a third of the picture; the background moves as nothing predicted.

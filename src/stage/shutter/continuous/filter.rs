@@ -459,15 +459,13 @@ fn unknown(offsets: [usize; 2], bin: usize, k: usize) -> usize {
 mod tests {
     use super::super::batch::Batch;
     use super::*;
+    use crate::random::Congruential;
 
     /// Measurements one by one, each as two rows of the equations, against what the batch adds of all of them.
     #[test]
     fn a_batch_adds_what_its_measurements_say_one_by_one() {
-        let mut state = 3u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut generator = Congruential::new(3);
+        let mut random = || generator.signed();
         let prior = MotionPrior { acceleration: [1.0; 4], jerk: [9.0; 4], speed: [1.0; 4] };
         let mut filter = Filter::new(0.01, prior, Level::detected());
         filter.restart(1.0, Pose::default(), 0.01);

@@ -39,6 +39,7 @@ use super::{Motion, Optics, Pair, RowSpan};
 use crate::frame::{PathParameters, Track};
 use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion, RowPoses, hypot};
 use crate::kernel::Level;
+use crate::random::Congruential;
 use calibration::Calibrator;
 pub use calibration::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
 use consensus::Turn;
@@ -91,7 +92,7 @@ pub struct Continuous {
     reweighting: Reweighting,
     gate: Gate,
     agreement: RowAgreement,
-    random: Random,
+    random: Congruential,
     newest: Motion,
 }
 
@@ -106,7 +107,7 @@ impl Continuous {
             reweighting: Reweighting::new(),
             gate: Gate::default(),
             agreement: RowAgreement::default(),
-            random: Random(seed),
+            random: Congruential::new(seed),
             newest: at_rest(RowMotion::default()),
         }
     }
@@ -289,18 +290,6 @@ impl Continuous {
 fn at_rest(rows: RowMotion) -> Motion {
     let (motion, path) = (PathParameters::default(), PathParameters::default());
     Motion { rows, motion, path, ends: RowSpan::default(), confidence: 1.0, rows_part: 1.0 }
-}
-
-/// A linear congruential generator with D. Knuth's multiplier for MMIX (The Art of Computer Programming 2, 3.3.4); the upper bits are used.
-#[derive(Clone, Copy, Debug)]
-struct Random(u64);
-
-impl Random {
-    /// A number below `below`.
-    fn below(&mut self, below: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((u128::from(self.0) * below as u128) >> 64) as usize
-    }
 }
 
 /// Geman and McClure's weight of a squared residual: 1 at 0, a quarter at the scale, then falling fast.

@@ -281,6 +281,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Congruential;
 
     #[test]
     fn an_offset_moves_the_solution_and_nothing_else() {
@@ -316,11 +317,8 @@ mod tests {
 
     /// A random positive definite system of n + G unknowns, as equations.
     fn system(n: usize, seed: u64) -> Normal {
-        let mut state = seed;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut generator = Congruential::new(seed);
+        let mut random = || generator.signed();
         let mut normal = Normal::new(Level::SCALAR);
         for _ in 0..3 * n {
             let row: Vec<f64> = (0..n + G).map(|_| random()).collect();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::frame::Fit;
 use crate::geometry::Pinhole;
+use crate::random::Congruential;
 use crate::stage::shutter::{Prior, certainty};
 
 const SIZE: [usize; 2] = [640, 360];
@@ -111,11 +112,7 @@ impl Truth {
 
     /// The same with a model that is told `optics`.
     fn followed_by(&self, optics: Optics, frames: usize) -> (Continuous, f64, f64) {
-        let mut state = 5u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut random = numbers();
         let mut model = Continuous::new(optics, 1, Level::detected());
         model.begin(SIZE);
         let (mut off, mut size, mut count) = (0.0, 0.0, 0);
@@ -195,11 +192,7 @@ fn where_all_is_near_the_path_follows_the_picture() {
     let camera = Pinhole::new(SIZE, HFOV_DEG);
     let mut model = Continuous::new(optics(Prior::Fixed(truth.readout_s), Prior::Fixed(HFOV_DEG)), 1, Level::detected());
     model.begin(SIZE);
-    let mut state = 5u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = numbers();
     let (mut confidence, mut rest, mut speeds) = (1.0f64, Vec::new(), Vec::new());
     for k in 0..120 {
         let mut tracks = truth.tracks(k, &mut random);
@@ -234,11 +227,7 @@ fn after_silence_the_path_rests_and_a_few_points_are_not_believed_at_once() {
     let truth = Truth { pose: panned, place: still, readout_s: 0.0, walled: false, k1: 0.0, interval_s: INTERVAL_S };
     let mut model = Continuous::new(optics(Prior::Fixed(0.0), Prior::Fixed(HFOV_DEG)), 1, Level::detected());
     model.begin(SIZE);
-    let mut state = 5u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut random = numbers();
     let observe = |model: &mut Continuous, mut tracks: Vec<Track>| {
         let fit = Fit::default();
         model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
@@ -285,11 +274,8 @@ fn the_readout_is_found_beside_travel_or_said_to_be_unknown() {
 
 /// Numbers between -1 and 1, always the same.
 fn numbers() -> impl FnMut() -> f64 {
-    let mut state = 5u64;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    let mut generator = Congruential::new(5);
+    move || generator.signed()
 }
 
 /// Tracks of a camera with a global shutter that turns by `turn` between two frames, each with an error of .1 px.

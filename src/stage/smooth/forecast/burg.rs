@@ -62,14 +62,12 @@ pub fn predict(weights: &[f64; ORDER], ways: &[f64]) -> [f64; AHEAD] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Congruential;
 
     /// Numbers of variance 1, always the same.
     fn numbers(seed: u64) -> impl FnMut() -> f64 {
-        let mut state = seed;
-        move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 11) as f64 / (1u64 << 52) as f64 - 1.0) * 3f64.sqrt()
-        }
+        let mut generator = Congruential::new(seed);
+        move || generator.signed() * 3f64.sqrt()
     }
 
     /// The last ways, the newest first, of `x = a1 x' + a2 x'' + noise`.

@@ -1,14 +1,12 @@
 //! What a forecast must keep.
 
 use super::*;
+use crate::random::Congruential;
 
 /// Numbers from -1 to 1, the same for the same seed.
 fn random(seed: u64) -> impl FnMut() -> f64 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    let mut generator = Congruential::new(seed);
+    move || generator.signed()
 }
 
 #[test]

@@ -1,15 +1,13 @@
 //! The planner's parts, each against what it is by definition.
 
 use super::*;
+use crate::random::Congruential;
 use nalgebra::{DMatrix, DVector};
 
 /// Numbers between -1 and 1, always the same.
 fn numbers(seed: u64) -> impl FnMut() -> f64 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
+    let mut generator = Congruential::new(seed);
+    move || generator.signed()
 }
 
 #[test]
