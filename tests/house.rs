@@ -68,8 +68,6 @@ const UNSAFE: [&str; 4] = ["src/device/v4l2/", "src/kernel/", "src/pipewire/", "
 const LONGEST: usize = 600;
 /// Lines of a function.
 const LONGEST_FUNCTION: usize = 60;
-/// Functions that are longer and stay so for now; the list may only become shorter.
-const LONG_FUNCTIONS: &[(&str, &str)] = &[("src/kernel/corner.rs", "measure_body")];
 /// Words that texts for users do not contain: they are private or poetic language where the field has a word of its own.
 const NOT_FOR_USERS: &[&str] = &[
     "frames a second",
@@ -268,7 +266,7 @@ fn faults(path: &str, source: &str) -> Vec<String> {
     }
     if !is_tests {
         for (name, lines) in functions(source.split("\n#[cfg(test)]\nmod tests {").next().unwrap_or(source)) {
-            if lines > LONGEST_FUNCTION && !LONG_FUNCTIONS.contains(&(path, name)) {
+            if lines > LONGEST_FUNCTION {
                 fault(format!("the function {name} has {lines} lines; {LONGEST_FUNCTION} at most"));
             }
         }

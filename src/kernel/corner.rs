@@ -86,6 +86,9 @@ fn measure(
     )
 }
 
+/// A row's gradient products xx, xy, yy, or their sums, at each column.
+type Products = [[f32; WIDE]; 3];
+
 #[inline(always)]
 fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], all: &mut Strengths, largest: &mut [f32; MAX]) {
     const SIDE: usize = 2 * REACH + 1;
@@ -98,59 +101,76 @@ fn measure_body(plane: PlaneRef<'_>, [x0, y0]: [usize; 2], [w, h]: [usize; 2], a
     }
     // gradient products of the window's rows, summed along columns first (a running sum), then along rows: whole numbers below 2^22, which
     // single precision holds and multiplies faster than 32-bit integers
-    let mut products = [[[0f32; WIDE]; 3]; SIDE];
-    let mut columns = [[0f32; WIDE]; 3];
+    let mut products: [Products; SIDE] = [[[0.0; WIDE]; 3]; SIDE];
+    let mut columns: Products = [[0.0; WIDE]; 3];
     for j in 0..h + 2 * REACH {
         rows[(j + 2) % 3][..used].copy_from_slice(&plane.row(y0 + j + 1 - REACH)[x0 - REACH - 1..][..used]);
-        let (above, here, below) = (&rows[j % 3], &rows[(j + 1) % 3], &rows[(j + 2) % 3]);
         // in place of the row that leaves the window
-        let [xx, xy, yy] = &mut products[j % SIDE];
-        let [sum_xx, sum_xy, sum_yy] = &mut columns;
-        for at in (0..wide).step_by(GROUP) {
-            let (left, right) = (&here[at..at + GROUP], &here[at + 2..at + 2 + GROUP]);
-            let (above, below) = (&above[at + 1..at + 1 + GROUP], &below[at + 1..at + 1 + GROUP]);
-            let (xx, sum_xx) = (&mut xx[at..at + GROUP], &mut sum_xx[at..at + GROUP]);
-            let (xy, sum_xy) = (&mut xy[at..at + GROUP], &mut sum_xy[at..at + GROUP]);
-            let (yy, sum_yy) = (&mut yy[at..at + GROUP], &mut sum_yy[at..at + GROUP]);
-            for i in 0..GROUP {
-                let gx = (i32::from(right[i]) - i32::from(left[i])) as f32;
-                let gy = (i32::from(below[i]) - i32::from(above[i])) as f32;
-                sum_xx[i] += gx * gx - xx[i];
-                sum_xy[i] += gx * gy - xy[i];
-                sum_yy[i] += gy * gy - yy[i];
-                xx[i] = gx * gx;
-                xy[i] = gx * gy;
-                yy[i] = gy * gy;
-            }
-        }
+        replace_row([0, 1, 2].map(|k| &rows[(j + k) % 3]), wide, &mut products[j % SIDE], &mut columns);
         let Some(j) = j.checked_sub(2 * REACH) else { continue };
         for at in (0..places).step_by(GROUP) {
-            let mut sums = [[0f32; GROUP]; 3];
-            for k in 0..3 {
-                let c = &columns[k][at..at + GROUP + 2 * REACH];
-                for i in 0..GROUP {
-                    sums[k][i] = (c[i] + c[i + 1]) + (c[i + 2] + c[i + 3]) + (c[i + 4] + c[i + 5]) + c[i + 6];
-                }
-            }
-            let out = &mut all[j][at..at + GROUP];
-            for i in 0..GROUP {
-                // central differences were not halved: a quarter
-                let xx = sums[0][i] * (0.25 / AREA);
-                let xy = sums[1][i] * (0.25 / AREA);
-                let yy = sums[2][i] * (0.25 / AREA);
-                out[i] = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
-            }
+            eigenvalues(&columns, at, &mut all[j][at..at + GROUP]);
         }
-        let mut lanes = [0.0f32; GROUP];
-        for (n, strength) in all[j][..w].iter().enumerate() {
-            let lane = &mut lanes[n % GROUP];
-            *lane = if *strength > *lane { *strength } else { *lane };
-        }
-        largest[j] = 0.0;
-        for lane in lanes {
-            largest[j] = if lane > largest[j] { lane } else { largest[j] };
+        largest[j] = largest_of(&all[j][..w]);
+    }
+}
+
+/// Puts the gradient products of row `here` in place of those of `products`, and takes the difference into the columns' sums.
+#[inline(always)]
+fn replace_row([above, here, below]: [&[u8; WIDE + 2]; 3], wide: usize, products: &mut Products, columns: &mut Products) {
+    let ([xx, xy, yy], [sum_xx, sum_xy, sum_yy]) = (products, columns);
+    for at in (0..wide).step_by(GROUP) {
+        let (left, right) = (&here[at..at + GROUP], &here[at + 2..at + 2 + GROUP]);
+        let (above, below) = (&above[at + 1..at + 1 + GROUP], &below[at + 1..at + 1 + GROUP]);
+        let (xx, sum_xx) = (&mut xx[at..at + GROUP], &mut sum_xx[at..at + GROUP]);
+        let (xy, sum_xy) = (&mut xy[at..at + GROUP], &mut sum_xy[at..at + GROUP]);
+        let (yy, sum_yy) = (&mut yy[at..at + GROUP], &mut sum_yy[at..at + GROUP]);
+        for i in 0..GROUP {
+            let gx = (i32::from(right[i]) - i32::from(left[i])) as f32;
+            let gy = (i32::from(below[i]) - i32::from(above[i])) as f32;
+            sum_xx[i] += gx * gx - xx[i];
+            sum_xy[i] += gx * gy - xy[i];
+            sum_yy[i] += gy * gy - yy[i];
+            xx[i] = gx * gx;
+            xy[i] = gx * gy;
+            yy[i] = gy * gy;
         }
     }
+}
+
+/// The smaller eigenvalues of the mean gradient matrices at the places from `at` on.
+#[inline(always)]
+fn eigenvalues(columns: &Products, at: usize, out: &mut [f32]) {
+    let mut sums = [[0f32; GROUP]; 3];
+    for k in 0..3 {
+        let c = &columns[k][at..at + GROUP + 2 * REACH];
+        for i in 0..GROUP {
+            sums[k][i] = (c[i] + c[i + 1]) + (c[i + 2] + c[i + 3]) + (c[i + 4] + c[i + 5]) + c[i + 6];
+        }
+    }
+    let out = &mut out[..GROUP];
+    for i in 0..GROUP {
+        // central differences were not halved: a quarter
+        let xx = sums[0][i] * (0.25 / AREA);
+        let xy = sums[1][i] * (0.25 / AREA);
+        let yy = sums[2][i] * (0.25 / AREA);
+        out[i] = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
+    }
+}
+
+/// The largest of a row's strengths, or 0.
+#[inline(always)]
+fn largest_of(row: &[f32]) -> f32 {
+    let mut lanes = [0.0f32; GROUP];
+    for (n, strength) in row.iter().enumerate() {
+        let lane = &mut lanes[n % GROUP];
+        *lane = if *strength > *lane { *strength } else { *lane };
+    }
+    let mut largest = 0.0;
+    for lane in lanes {
+        largest = if lane > largest { lane } else { largest };
+    }
+    largest
 }
 
 #[cfg(test)]
