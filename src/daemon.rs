@@ -30,7 +30,6 @@ use crate::share;
 use crate::systemd::Systemd;
 use calibration_store::CalibrationStore;
 #[cfg(feature = "fuzzing")]
-#[doc(hidden)]
 pub use calibration_store::fuzz as fuzz_calibration_store;
 use cameras::Cameras;
 use devices::RealDevices;

@@ -91,22 +91,30 @@
 //! | calibration | readout time, field of view and lens distortion of a camera |
 
 pub mod command;
-pub mod companion;
+mod companion;
 pub mod config;
 pub mod control;
-pub mod daemon;
+mod daemon;
 pub mod device;
 pub mod frame;
 pub mod geometry;
 pub mod image;
 pub mod kernel;
-pub mod log;
+mod log;
 pub mod pipeline;
-pub mod pipewire;
+mod pipewire;
 pub mod random;
-pub mod report;
+mod report;
 pub mod rt;
 pub mod share;
 pub mod stage;
 pub mod systemd;
-pub mod view;
+mod view;
+
+/// What the fuzz targets (`fuzz/`) need of rooms that are private.
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing {
+    pub use crate::control::fuzz_reply;
+    pub use crate::daemon::fuzz_calibration_store;
+}

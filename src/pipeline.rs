@@ -23,7 +23,8 @@ use crate::stage::shutter::{Motion, Pair, Shutter};
 use crate::stage::timing::{self, Timing};
 use crate::stage::{crop, detect, presence, pyramid, repeat, smooth, track, trust, warp};
 
-pub use decode::{Decoder, Reason, Reasons, Unusable};
+pub use decode::{Decoder, Reason};
+pub(crate) use decode::Reasons;
 use inline::Capture;
 pub use inline::{Totals, run_at_level, run_inline};
 pub use live::{Counts, Live};

@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::paced::Paced;
 use common::{Memory, Script, Shot, film, in_time};
 use gimbald::device::digest::DigestSink;
 use gimbald::device::null::NullSink;
@@ -10,6 +11,7 @@ use gimbald::device::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, Strea
 use gimbald::frame::Stamp;
 use gimbald::image::{PictureMut, PixelFormat};
 use gimbald::pipeline::{Pace, Params, Totals, run_inline, run_threaded};
+use gimbald::rt::clock::monotonic_ns;
 use gimbald::rt::stop::Stop;
 use gimbald::stage::shutter::{self, Model, Parameters};
 use gimbald::stage::smooth;
@@ -319,4 +321,19 @@ fn an_error_of_the_sink_ends_it() {
             assert_eq!((error, sent, stopped), (gone("loopback").to_string(), 7, false));
         }
     }
+}
+
+#[test]
+fn a_paced_source_gives_its_frames_when_they_are_due() {
+    let params = synthetic::Params { width: 64, height: 48, fps: 50.0, frames: 6, ..synthetic::Params::default() };
+    let mut source = Paced::new(Box::new(synthetic::Synthetic::new(&params).unwrap()));
+    let mut first = None;
+    let mut n = 0;
+    while let Lent::Frame(frame) = source.lend().unwrap() {
+        let first = *first.get_or_insert(frame.stamp.time_ns);
+        assert_eq!(frame.stamp.time_ns - first, n * 20_000_000);
+        assert!(monotonic_ns() >= frame.stamp.time_ns, "frame {n} came too early");
+        n += 1;
+    }
+    assert_eq!(n, 6);
 }

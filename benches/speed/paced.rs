@@ -1,8 +1,10 @@
 //! Live, in a camera's own time: what the two threads of the service take of the processor, beside the sum of the stages.
 
+#[path = "../../tests/common/paced.rs"]
+mod source;
+
 use std::time::Duration;
 
-use gimbald::device::paced::Paced;
 use gimbald::device::rehearsal::{Rehearsal, RehearsalSink};
 use gimbald::device::synthetic;
 use gimbald::device::{DeviceError, FrameSource, Lent, RawFrame, StreamFormat};
@@ -14,6 +16,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
 
 use crate::Record;
+use source::Paced;
 
 /// Sizes and rates.
 const CASES: [([u32; 2], f64); 4] = [([1280, 720], 30.0), ([1280, 720], 60.0), ([1920, 1080], 30.0), ([3840, 2160], 30.0)];

@@ -1,8 +1,8 @@
 //! What people and programs write: configuration, `--set`, requests to a daemon, the file in which it keeps what it knows of cameras.
 
 use gimbald::config::{MAX_SHOWN, Settings, keys::KEYS};
-use gimbald::control::{DaemonState, LONGEST_REQUEST, Reply, Request, fuzz_reply};
-use gimbald::daemon::fuzz_calibration_store;
+use gimbald::control::{DaemonState, LONGEST_REQUEST, Reply, Request};
+use gimbald::fuzzing::{fuzz_calibration_store, fuzz_reply};
 use gimbald::systemd::Systemd;
 use std::sync::OnceLock;
 

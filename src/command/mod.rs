@@ -26,4 +26,4 @@ mod watch;
 
 pub use arguments::{Arguments, Command};
 pub use exit::{Exit, Failure};
-pub use settings::SettingsArgs;
+pub(crate) use settings::SettingsArgs;

@@ -10,7 +10,10 @@ mod read;
 mod settings;
 mod shipped;
 
-pub use fault::{Fault, Faults, MAX_SHOWN, Origin};
+pub(crate) use fault::Faults;
+pub use fault::{Fault, MAX_SHOWN, Origin};
 pub use key::{Key, Kind};
-pub use settings::{Capture, Control, Level, Log, Output, Settings};
-pub use shipped::{key_table, shipped_file};
+pub(crate) use settings::Control;
+pub use settings::{Capture, Level, Log, Output, Settings};
+pub use shipped::key_table;
+pub(crate) use shipped::shipped_file;

@@ -44,28 +44,33 @@ mod metrics;
 mod quotas;
 mod reload;
 mod reply;
-pub mod request;
+pub(crate) mod request;
 mod server;
 mod session;
 mod socket;
 mod status;
 mod token_bucket;
 
-pub use client::{ClientError, Connection};
+pub(crate) use client::ClientError;
+pub use client::Connection;
 pub use daemon_state::{Applied, DaemonState, Reread};
-pub use history::{FrameRecord, HistoryPart};
-pub use metrics::{Losses, Metrics, Phase};
+pub(crate) use history::FrameRecord;
+pub use history::HistoryPart;
+pub(crate) use metrics::Losses;
+pub use metrics::{Metrics, Phase};
 pub use quotas::Limits;
 pub use reply::{Refusal, RefusalKind, Reply};
-pub use request::{Assignment, FrameNumber, LONGEST_REQUEST, Request, RequestError};
+pub(crate) use request::{Assignment, RequestError};
+pub use request::{FrameNumber, LONGEST_REQUEST, Request};
 pub use server::Server;
-pub use socket::{BoundSocket, default_paths};
-pub use status::{CameraInfo, Drops, Found, Frames, OutputInfo, PipewireInfo, RejectedFormat, Spread, Status, Unusable};
+pub use socket::BoundSocket;
+pub(crate) use socket::default_paths;
+pub use status::{CameraInfo, OutputInfo, PipewireInfo, Status};
+pub(crate) use status::{Drops, Found, Frames, RejectedFormat, Unusable};
 pub use token_bucket::Rate;
 
-/// Does what a client asks, and gives its reply. A door for the fuzz targets alone.
+/// Does what a client asks, and gives its reply.
 #[cfg(feature = "fuzzing")]
-#[doc(hidden)]
 pub fn fuzz_reply(request: &Request, state: &DaemonState) -> Reply {
     answer::answer(request, state, "the fuzzer")
 }

@@ -310,9 +310,7 @@ fn text_of(entries: &[Entry]) -> Result<String, Unusable> {
 }
 
 /// Reads a state file's text, does with what it says all that a daemon does, and checks that what is then written is read as the same.
-/// A door for the fuzz targets alone.
 #[cfg(feature = "fuzzing")]
-#[doc(hidden)]
 pub fn fuzz(text: &str) {
     let Ok(entries) = entries_of(Some(text.to_owned())) else { return };
     let state = State { entries: Vec::new(), current: None, since: Instant::now(), failed: false };

@@ -8,14 +8,13 @@ mod error;
 mod input;
 pub mod null;
 mod output;
-pub mod paced;
-pub mod placeholder;
-pub mod private;
+pub(crate) mod placeholder;
+pub(crate) mod private;
 pub mod recording;
 pub mod rehearsal;
 pub mod replay;
 pub mod synthetic;
-pub mod video;
+pub(crate) mod video;
 pub mod y4m;
 
 pub mod v4l2;

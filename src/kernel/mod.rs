@@ -4,14 +4,14 @@
 //! Most kernels here are plain loops that the compiler vectorizes by itself once it may use wider registers; [`dispatch!`]
 //! compiles such a body twice and picks one at run time. Where a hand-written variant pays, it stands beside its scalar form.
 
-pub mod cache;
+pub(crate) mod cache;
 pub mod convert;
 pub mod corner;
-pub mod dense;
+pub(crate) mod dense;
 pub mod lk;
-pub mod normal;
+pub(crate) mod normal;
 pub mod pyramid;
-pub mod shrink;
+pub(crate) mod shrink;
 pub mod warp;
 
 use std::sync::OnceLock;

@@ -13,4 +13,4 @@ mod node;
 mod pod;
 
 pub use library::{Library, Missing};
-pub use node::{Node, NodeError, NodeParams, Slot, State};
+pub use node::{Node, NodeParams, Slot, State};

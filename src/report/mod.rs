@@ -12,7 +12,7 @@ mod trace;
 pub use compare::{Compare, compare_format};
 pub use histogram::Histogram;
 pub use html::{Both, DaemonReport, Paper, Report};
-pub use names::{Axis, MotionNames, outcome_name};
+pub use names::MotionNames;
 pub use pair::{EncodedPair, PairEncoder};
 pub use patterns::{PatternFrame, PatternWatch, Shape};
 pub use stats::Stats;

@@ -44,12 +44,12 @@ mod server;
 mod wire;
 
 pub use client::{Client, Heard};
-pub use frame_info::FrameInfo;
+pub(crate) use frame_info::FrameInfo;
 pub use lease::Outlet;
 pub use memory::Memory;
 pub use pair::{Inspector, Pair};
-pub use proof::CameraNode;
-pub use server::{Companions, Server, socket_paths};
+pub(crate) use server::socket_paths;
+pub use server::{Companions, Server};
 pub use wire::{Format, Refusal};
 
 /// The format of every shared picture. It is the one that every reader of PipeWire cameras takes.

@@ -11,7 +11,8 @@ mod bounds;
 use nalgebra::Matrix3;
 
 use crate::geometry::{Homography, OutputMap, PerChannel, Pose};
-pub use bounds::{Bounds, CORNERS, Corner, Rows};
+pub use bounds::Rows;
+pub(crate) use bounds::{Bounds, CORNERS, Corner};
 
 /// What is done about places that the camera did not see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

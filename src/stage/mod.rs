@@ -3,15 +3,15 @@
 
 pub mod crop;
 pub mod detect;
-pub mod gains;
+pub(crate) mod gains;
 pub mod paper;
-pub mod presence;
+pub(crate) mod presence;
 pub mod pyramid;
-pub mod repeat;
+pub(crate) mod repeat;
 pub mod shutter;
 pub mod smooth;
-pub mod timing;
+pub(crate) mod timing;
 pub mod track;
-pub mod trust;
+pub(crate) mod trust;
 pub mod unpack;
 pub mod warp;

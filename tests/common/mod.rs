@@ -1,6 +1,7 @@
 //! What several tests need: sources that follow a script, a wall to look at, and an observer that remembers what it was shown.
 #![allow(dead_code, reason = "each test takes what it needs of it")]
 
+pub mod paced;
 pub mod stamps;
 
 use gimbald::device::synthetic::{self, Synthetic};

@@ -1,6 +1,9 @@
 //! A daemon in this process: its control socket, its socket for pictures, and its pipeline on a synthetic camera. A device that every user
 //! may open stands for the camera.
 
+#[path = "../common/paced.rs"]
+mod paced;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -9,7 +12,6 @@ use gimbald::config::Settings;
 use gimbald::control::{self, BoundSocket, DaemonState, Limits, Phase, PipewireInfo};
 use gimbald::device::FrameSource;
 use gimbald::device::null::NullSink;
-use gimbald::device::paced::Paced;
 use gimbald::device::synthetic::{self, Motion, Synthetic};
 use gimbald::frame::Frame;
 use gimbald::image::PictureRef;
@@ -18,6 +20,7 @@ use gimbald::rt::notifier::Notifier;
 use gimbald::rt::stop::Stop;
 use gimbald::share::{Companions, Inspector, Server};
 use gimbald::systemd::Systemd;
+use paced::Paced;
 
 pub struct TestDaemon {
     pub state: Arc<DaemonState>,

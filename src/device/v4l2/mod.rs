@@ -23,16 +23,18 @@ mod transfers;
 mod version;
 mod viewers;
 
-pub use again::{Known, Next, There};
-pub use capture::{Avoided, Capture, CaptureParams, Counts};
-pub use enumerate::{DeviceInfo, FormatInfo, devices};
+pub(crate) use again::{Known, Next, There};
+pub(crate) use capture::Avoided;
+pub use capture::{Capture, CaptureParams, Counts};
+pub use enumerate::devices;
+pub(crate) use enumerate::DeviceInfo;
 pub use find::find;
-pub use hotplug::{Hotplug, News};
+pub(crate) use hotplug::{Hotplug, News};
 pub use loopback::{Loopback, LoopbackParams};
-pub use mode::{Intervals, Mode, Sizes, Wish, choose};
+pub use mode::{Mode, choose};
 pub use node::Direction;
-pub use sighting::{Device, Roots, Sighting, Usb};
-pub use version::LoopbackVersion;
+pub(crate) use sighting::{Device, Roots};
+pub(crate) use version::LoopbackVersion;
 pub use viewers::Viewers;
 
 /// Loads v4l2loopback with what gimbald needs: `exclusive_caps` so that browsers recognize a camera, `max_buffers` so that a slow reader

@@ -8,8 +8,8 @@ mod mjpeg;
 
 use std::path::Path;
 
-pub use jpeg::Jpeg;
-pub use mjpeg::MjpegSink;
+pub(crate) use jpeg::Jpeg;
+pub(crate) use mjpeg::MjpegSink;
 
 /// A kind of video file that is written, told by the ending of its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,10 +12,10 @@ mod rgb;
 #[cfg(test)]
 mod tests;
 
-pub use chroma::{interleaved, thin, to_420, widen};
-pub use pack::{PackError, pack};
+pub(crate) use chroma::{interleaved, thin, to_420, widen};
+pub use pack::pack;
 pub use packed::{LumaFirst, packed_422};
-pub use range::{to_full, to_limited, to_limited_in_place};
+pub(crate) use range::{to_full, to_limited, to_limited_in_place};
 pub use rgb::{RgbOrder, rgb};
 
 /// The chroma value of grey.

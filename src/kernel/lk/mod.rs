@@ -25,9 +25,6 @@ use wide::SIDE;
 
 use crate::image::PlaneRef;
 
-/// Sides a patch can have, pixels.
-pub const SIDES: [usize; 3] = [8, 16, 24];
-
 /// A patch of `N` x `N` pixels with what aligning needs. Centred on a point, so offsets run from -(N - 1)/2 to (N - 1)/2.
 #[derive(Clone, Debug)]
 pub struct Template<const N: usize> {

@@ -11,9 +11,10 @@
 //! the homography that its inliers have.
 
 pub mod homography;
-pub mod low_pass;
+pub(crate) mod low_pass;
 mod model;
 mod zoom;
 
-pub use model::{Cho2007, compose, stabilized_motion, time_t, time_t1, undistortion};
+pub use model::{Cho2007, compose};
+pub(crate) use model::{stabilized_motion, undistortion};
 pub use zoom::Zoom;

@@ -3,8 +3,8 @@
 //! Two questions are put to every model: what a pair of frames shows ([`Shutter::observe`]), and where each output pixel of a
 //! frame comes from once the virtual camera's path is chosen ([`Shutter::map`]).
 
-pub mod certainty;
-pub mod continuous;
+pub(crate) mod certainty;
+pub(crate) mod continuous;
 
 use crate::frame::{Fit, PathParameters, Track};
 use crate::geometry::{Calibration, Estimate, Homography, OutputMap, Pose, RowMotion};

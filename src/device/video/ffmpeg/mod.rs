@@ -18,7 +18,8 @@ mod program;
 mod sink;
 mod source;
 
-pub use origin::{Origin, Turn};
-pub use program::is_installed;
-pub use sink::FfmpegSink;
-pub use source::FfmpegSource;
+pub use origin::Origin;
+pub(crate) use origin::Turn;
+pub(crate) use program::is_installed;
+pub(crate) use sink::FfmpegSink;
+pub(crate) use source::FfmpegSource;

@@ -41,7 +41,7 @@ use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion, RowPo
 use crate::kernel::Level;
 use crate::random::Congruential;
 use calibration::Calibrator;
-pub use calibration::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
+pub(crate) use calibration::{HFOV_LIMITS_DEG, LENS_LIMIT, LONGEST_READOUT};
 use consensus::Turn;
 use filter::{Filter, MAX_POINTS, MotionPrior};
 use gate::{Gate, Support};

@@ -1,9 +1,10 @@
 //! A recorded or synthetic source in its own time, as a camera gives its frames.
 
-use super::{DeviceError, FrameSource, Lent, StreamFormat};
-use crate::rt::clock::monotonic_ns;
 use std::thread;
 use std::time::Duration;
+
+use gimbald::device::{DeviceError, FrameSource, Lent, StreamFormat};
+use gimbald::rt::clock::monotonic_ns;
 
 /// No frame is waited for longer than this: a recording may have a gap of hours.
 const LONGEST_WAIT_NS: i64 = 1_000_000_000;
@@ -53,26 +54,5 @@ impl FrameSource for Paced {
         }
         frame.stamp.time_ns = due;
         Ok(Lent::Frame(frame))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::device::synthetic::{Params, Synthetic};
-
-    #[test]
-    fn frames_come_when_they_are_due() {
-        let params = Params { width: 64, height: 48, fps: 50.0, frames: 6, ..Params::default() };
-        let mut source = Paced::new(Box::new(Synthetic::new(&params).unwrap()));
-        let mut first = None;
-        let mut n = 0;
-        while let Lent::Frame(frame) = source.lend().unwrap() {
-            let first = *first.get_or_insert(frame.stamp.time_ns);
-            assert_eq!(frame.stamp.time_ns - first, n * 20_000_000);
-            assert!(monotonic_ns() >= frame.stamp.time_ns, "frame {n} came too early");
-            n += 1;
-        }
-        assert_eq!(n, 6);
     }
 }
