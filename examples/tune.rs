@@ -214,7 +214,7 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
                 rows: rows.part(part),
             }
         };
-        let part = window.rows_part(&view, |part| map(Pose::default(), part));
+        let part = window.rows_margin(&view, |part| map(Pose::default(), part));
         let bounds = window.bounds(&view, smoother.correction(), |correction| map(correction, part));
         let place = smoother.step(pose, step_s, log.frames[seen - 1] - log.frames[k], &bounds);
         let wanted = place - pose;

@@ -23,8 +23,8 @@ use crate::stage::shutter::{Motion, Pair, Shutter};
 use crate::stage::timing::{self, Timing};
 use crate::stage::{crop, detect, presence, pyramid, repeat, smooth, track, trust, warp};
 
-pub use decode::{Decoder, Reason};
 pub(crate) use decode::Reasons;
+pub use decode::{Decoder, Reason};
 use inline::Capture;
 pub use inline::{Totals, run_at_level, run_inline};
 pub use live::{Counts, Live};
@@ -320,12 +320,12 @@ impl Stabilizer {
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
             let (trust, presence) = (self.trust.step(motion.confidence, interval_s), self.presence.step(interval_s));
-            let mut gains = Gains::new(trust, presence, motion.rows_part);
+            let mut gains = Gains::new(trust, presence, motion.agreement);
             let shown = gains.shown();
             self.window.glide(interval_s);
             let view = self.window.view();
             gains.rows_margin =
-                self.window.rows_part(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+                self.window.rows_margin(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
             let rows = gains.rows();
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for a correction, and the map that it gives

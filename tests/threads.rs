@@ -22,7 +22,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Nothing here takes a tenth of this, even on a slow machine: who is not back by then is stuck.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Both models and both parameter sets, with look-ahead and without.
 fn all() -> [Params; 6] {
@@ -55,7 +55,7 @@ fn eventful() -> Vec<Shot> {
 fn in_time_or_stuck<T: Send + 'static>(what: &str, run: impl FnOnce() -> T + Send + 'static) -> T {
     let (done, wait) = mpsc::channel();
     thread::spawn(move || done.send(run()));
-    wait.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("{what}: stuck, or panicked"))
+    wait.recv_timeout(TIMEOUT).unwrap_or_else(|_| panic!("{what}: stuck, or panicked"))
 }
 
 #[test]
@@ -93,15 +93,15 @@ impl FrameSource for Silent {
 
     fn lend(&mut self) -> Result<Lent<'_>, DeviceError> {
         thread::sleep(Duration::from_millis(20));
-        let enough = self.1.load(Relaxed) >= 2 || self.2.elapsed() > PATIENCE / 2;
+        let enough = self.1.load(Relaxed) >= 2 || self.2.elapsed() > TIMEOUT / 2;
         Ok(if enough { Lent::End } else { Lent::Idle })
     }
 }
 
 /// Counts how often it is told that there is nothing.
-struct Patient(NullSink, Arc<AtomicU32>);
+struct IdleCounter(NullSink, Arc<AtomicU32>);
 
-impl FrameSink for Patient {
+impl FrameSink for IdleCounter {
     fn format(&self) -> StreamFormat {
         self.0.format()
     }
@@ -127,7 +127,7 @@ fn a_sink_is_told_that_nothing_comes() {
     in_time_or_stuck("silent", move || {
         let format = StreamFormat::tight(160, 120, PixelFormat::I420, (1, 30));
         let mut source = Silent(format, told.clone(), Instant::now());
-        let mut sink = Patient(NullSink::new(&format), told);
+        let mut sink = IdleCounter(NullSink::new(&format), told);
         run_threaded(&mut source, &mut sink, &Params::default(), &Stop::default(), &mut (), Pace::Live).unwrap()
     });
     assert!(counted.load(Relaxed) >= 2);

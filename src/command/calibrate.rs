@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let name = input.display().to_string();
     let fault = found.fault(&footage);
-    print(&found.told(&name, &footage, fault.is_none()))?;
+    print(&found.summary(&name, &footage, fault.is_none()))?;
     fault.map_or(Ok(()), |fault| Err(Failure::new(Exit::Inconclusive, format!("{name}: {fault}"))))
 }
 
@@ -168,7 +168,7 @@ impl Found {
     }
 
     /// The answer in words, and where it is whole, the lines for the configuration.
-    fn told(&self, name: &str, footage: &Footage, is_whole: bool) -> String {
+    fn summary(&self, name: &str, footage: &Footage, is_whole: bool) -> String {
         let Answer { motion_px, moving_s, .. } = self.best;
         let (duration_s, interval_s) = (footage.duration_s(), self.interval_s);
         let mut text = format!("{name}: {} frames, {duration_s:.1} s", footage.frames);

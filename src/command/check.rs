@@ -114,7 +114,7 @@ fn stream(path: &Path) -> Result<(), Failure> {
     let mut source = replay::open(path)?;
     let mut found = Found::default();
     let ended = read_through(source.as_mut(), &mut found);
-    print(&told(path, source.as_ref(), &found))?;
+    print(&summary(path, source.as_ref(), &found))?;
     ended?;
     let what = match found.unusable.in_words(found.frames) {
         Some(_) if found.unusable.total() == found.frames => "no usable frames, replay cannot show anything".to_owned(),
@@ -178,7 +178,7 @@ impl Found {
     }
 }
 
-fn told(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
+fn summary(path: &Path, source: &dyn FrameSource, found: &Found) -> String {
     let sizes: Vec<String> = found.sizes.iter().map(|(width, height, pixel)| format!("{width}x{height} {pixel}")).collect();
     let rate = source.format().rate();
     let (duration_s, mean) = found.length(rate);

@@ -166,7 +166,7 @@ pub fn status(args: &StatusArgs) -> Result<(), Failure> {
     }
     let mut connection = args.target.connect()?;
     loop {
-        let text = told(args, &mut connection)?;
+        let text = status_text(args, &mut connection)?;
         // A terminal shows it in place; a file gets one after the other.
         let in_place = args.watch.is_some() && !args.json && std::io::stdout().is_terminal();
         print(&if in_place { format!("\u{1b}[H\u{1b}[J{text}") } else { text })?;
@@ -182,8 +182,8 @@ pub fn status(args: &StatusArgs) -> Result<(), Failure> {
 /// Writes the status into a file, again and again where that is asked. It never holds what is not so any more.
 fn status_into(path: &Path, args: &StatusArgs) -> Result<(), Failure> {
     loop {
-        let told = args.target.connect().and_then(|mut connection| told(args, &mut connection));
-        match (told, args.watch) {
+        let text = args.target.connect().and_then(|mut connection| status_text(args, &mut connection));
+        match (text, args.watch) {
             (Ok(text), _) => replace(path, &text).map_err(|error| Failure::creating(path, &error))?,
             (Err(failure), watch) => {
                 match std::fs::remove_file(path) {
@@ -233,7 +233,7 @@ fn reader_is_gone() -> bool {
     fds[0].revents().contains(PollFlags::ERR)
 }
 
-fn told(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failure> {
+fn status_text(args: &StatusArgs, connection: &mut Connection) -> Result<String, Failure> {
     if args.prometheus {
         let metrics = connection.metrics()?;
         return Ok(match &args.target.instance {

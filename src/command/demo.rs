@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use super::interrupt::stop_on_signal;
 use super::measure::{Shake, measure};
 use super::place::ReportFile;
-use super::print::told;
+use super::print::written_or_closed;
 use super::progress::Progress;
 use super::record::positive;
 use super::watch::Watch;
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if stop.is_set() {
         return Err(Failure::new(Exit::Interrupted, format!("interrupted; {} is incomplete", args.dir.display())));
     }
-    told(tell(&[
+    written_or_closed(tell(&[
         ("generated clip: a drawn room", &generated, generated_shake),
         ("recorded clip: a phone in a car", &recorded, recorded_shake),
     ]))

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use super::Failure;
-use super::print::told;
+use super::print::written_or_closed;
 use crate::device::v4l2::{DeviceInfo, LOAD_COMMAND, devices};
 
 /// Arguments of `devices`.
@@ -19,7 +19,7 @@ pub struct Args {
 /// # Errors
 /// Where standard output cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    told(list(devices(), args.all, &mut io::stdout().lock()))
+    written_or_closed(list(devices(), args.all, &mut io::stdout().lock()))
 }
 
 /// Whether gimbald can use a device; one that cannot be opened may be usable.

@@ -24,7 +24,7 @@ const CONFIG: &str = "/etc/gimbald.toml";
 /// The driver's name of a loopback.
 const LOOPBACK: &str = "v4l2 loopback";
 /// Buffers below which a slow reader's picture is overwritten while it reads.
-const ENOUGH_BUFFERS: u32 = 4;
+const MIN_BUFFERS: u32 = 4;
 
 /// Arguments of `doctor`.
 #[derive(Clone, Debug, clap::Args)]
@@ -54,11 +54,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let known = devices();
     findings.extend(output(&machine, &settings, &known, status.as_ref()));
     findings.extend(camera(&machine, &settings, &known, status.as_ref()));
-    let loopback = meant("output", &settings.output.device, Direction::Output, &known).ok().map(|(path, _)| path);
+    let loopback = configured_device("output", &settings.output.device, Direction::Output, &known).ok().map(|(path, _)| path);
     if wanted != Some(false) {
         findings.extend(pipewire::looked_at(args.target.instance.as_deref(), loopback.as_deref(), wanted));
     }
-    findings.push(service::judged(&unit, service::shown(&unit).as_deref()));
+    findings.push(service::unit_finding(&unit, service::shown(&unit).as_deref()));
     findings.push(daemon);
     findings.extend(status.iter().flat_map(service::frames));
     if args.json {
@@ -126,7 +126,7 @@ fn module(machine: &Machine, pipewire: bool) -> Vec<Finding> {
         findings.push(Finding::note("module", what));
     }
     let buffers = machine.loopback_parameter("max_buffers").and_then(|count| count.parse::<u32>().ok());
-    if let Some(buffers) = buffers.filter(|buffers| *buffers < ENOUGH_BUFFERS) {
+    if let Some(buffers) = buffers.filter(|buffers| *buffers < MIN_BUFFERS) {
         let what = format!("max_buffers={buffers}: a slow reader may see a frame that is being overwritten");
         findings.push(Finding::advice("module", what, reload_module()));
     }
@@ -141,7 +141,7 @@ fn reload_module() -> String {
 }
 
 /// The path that a setting means, and what is known of it; or why it means none.
-fn meant<'a>(
+fn configured_device<'a>(
     about: &'static str,
     device: &str,
     direction: Direction,
@@ -182,7 +182,7 @@ fn unopened(about: &'static str, path: &Path, info: Option<&DeviceInfo>) -> Opti
 }
 
 fn output(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: Option<&Status>) -> Vec<Finding> {
-    let (path, info) = match meant("output", &settings.output.device, Direction::Output, known) {
+    let (path, info) = match configured_device("output", &settings.output.device, Direction::Output, known) {
         Ok(found) => found,
         Err(_) if machine.loopback_version().is_none() => return Vec::new(),
         Err(finding) => return vec![finding],
@@ -245,7 +245,7 @@ fn agreement(held: Option<&str>, settings: &Settings, status: Option<&Status>, o
 }
 
 fn camera(machine: &Machine, settings: &Settings, known: &[DeviceInfo], status: Option<&Status>) -> Vec<Finding> {
-    let (path, info) = match meant("camera", &settings.camera.device, Direction::Capture, known) {
+    let (path, info) = match configured_device("camera", &settings.camera.device, Direction::Capture, known) {
         Ok(found) => found,
         Err(finding) => return vec![finding],
     };

@@ -10,7 +10,7 @@ use super::Failure;
 /// # Errors
 /// Where standard output cannot be written otherwise.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
-    told(write(&mut io::stdout().lock(), text))
+    written_or_closed(write(&mut io::stdout().lock(), text))
 }
 
 /// Writes a warning on standard error: the command goes on, or ends well.
@@ -27,7 +27,7 @@ fn write(to: &mut dyn Write, text: &str) -> io::Result<()> {
 ///
 /// # Errors
 /// As [`print`].
-pub(super) fn told(written: io::Result<()>) -> Result<(), Failure> {
+pub(super) fn written_or_closed(written: io::Result<()>) -> Result<(), Failure> {
     match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         written => written.map_err(|error| Failure::writing(Path::new("standard output"), &error)),

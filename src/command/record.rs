@@ -21,7 +21,7 @@ use crate::rt::notifier::Notifier;
 use crate::stage::timing::Timing;
 
 /// A camera that gave nothing for this long will not.
-pub(super) const PATIENCE: Duration = Duration::from_secs(15);
+pub(super) const MAX_SILENCE: Duration = Duration::from_secs(15);
 
 /// A frame is decoded this often, by the frames' own clock (nanoseconds).
 const TRY_EVERY_NS: i64 = 1_000_000_000;
@@ -85,11 +85,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let frame = match source.lend() {
             Ok(Lent::Frame(frame)) => frame,
             Ok(Lent::End) => break Ok(()),
-            Ok(Lent::Idle) if monotonic_ns() - last_came_ns > PATIENCE.as_nanos() as i64 => {
+            Ok(Lent::Idle) if monotonic_ns() - last_came_ns > MAX_SILENCE.as_nanos() as i64 => {
                 let what = format!(
                     "{}: the camera delivered no frames for {} s; unplug it and try again",
                     camera.device,
-                    PATIENCE.as_secs()
+                    MAX_SILENCE.as_secs()
                 );
                 break Err(Failure::new(Exit::Unavailable, what));
             }

@@ -101,7 +101,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             origin.path.display()
         ));
     }
-    judged(&args.input, &args.output, &totals)
+    check_totals(&args.input, &args.output, &totals)
 }
 
 /// Whether pictures are written there as the camera's sensor read them, although they are to be shown turned.
@@ -113,7 +113,7 @@ fn is_unturned(output: &Path) -> bool {
 ///
 /// # Errors
 /// Where that is all of it.
-fn judged(input: &Path, output: &Path, totals: &Totals) -> Result<(), Failure> {
+fn check_totals(input: &Path, output: &Path, totals: &Totals) -> Result<(), Failure> {
     let input = input.display();
     if totals.cut > 0 {
         let (cut, all) = (totals.cut, totals.frames_in);

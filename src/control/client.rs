@@ -11,7 +11,7 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connec
 use super::{Applied, FrameNumber, FrameRecord, Refusal, RefusalKind, Reply, Request, Status};
 
 /// A daemon that does not answer for this long hangs.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Pauses before a request is repeated on a new connection, where the daemon was too busy or hung up.
 const PAUSES: [Duration; 3] = [Duration::from_millis(50), Duration::from_millis(150), Duration::from_millis(400)];
 /// Bytes of a reply, at most.
@@ -108,7 +108,7 @@ impl Connection {
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => ClientError::HungUp { path: self.path.clone() },
             io::ErrorKind::WouldBlock => {
-                ClientError::Silent { path: self.path.clone(), what: format!("no reply for {} s", PATIENCE.as_secs()) }
+                ClientError::Silent { path: self.path.clone(), what: format!("no reply for {} s", TIMEOUT.as_secs()) }
             }
             _ => ClientError::Silent { path: self.path.clone(), what: error.to_string() },
         };
@@ -187,12 +187,12 @@ impl Connection {
     }
 }
 
-/// A connection on which nothing takes longer than [`PATIENCE`], connecting included: a daemon that is stopped accepts no connection.
+/// A connection on which nothing takes longer than [`TIMEOUT`], connecting included: a daemon that is stopped accepts no connection.
 fn connected(path: &Path) -> Result<BufReader<UnixStream>, ClientError> {
     let made = || -> io::Result<UnixStream> {
         let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
-        set_socket_timeout(&socket, Timeout::Send, Some(PATIENCE))?;
-        set_socket_timeout(&socket, Timeout::Recv, Some(PATIENCE))?;
+        set_socket_timeout(&socket, Timeout::Send, Some(TIMEOUT))?;
+        set_socket_timeout(&socket, Timeout::Recv, Some(TIMEOUT))?;
         connect(&socket, &SocketAddrUnix::new(path)?)?;
         Ok(UnixStream::from(socket))
     };

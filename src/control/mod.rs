@@ -65,7 +65,7 @@ pub use request::{FrameNumber, LONGEST_REQUEST, Request};
 pub use server::Server;
 pub use socket::BoundSocket;
 pub(crate) use socket::default_paths;
-pub use status::{CameraInfo, OutputInfo, PipewireInfo, Status};
+pub use status::{CameraInfo, OutputInfo, PipewireInfo, Spread, Status};
 pub(crate) use status::{Drops, Found, Frames, RejectedFormat, Unusable};
 pub use token_bucket::Rate;
 

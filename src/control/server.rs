@@ -157,7 +157,7 @@ impl Serving<'_> {
         let left = |at: Instant| at.saturating_duration_since(now);
         let sessions = self.sessions.iter().filter_map(|session| match session.at() {
             At::Ready => Some(self.quotas.wait(session, now)),
-            _ => session.patience(&self.server.limits).map(|patience| left(session.since() + patience)),
+            _ => session.time_limit(&self.server.limits).map(|limit| left(session.since() + limit)),
         });
         let accepting = if accepts { None } else { Some(self.resting.map_or_else(|| self.accepted.wait(now), left)) };
         let soonest = sessions.chain(accepting).chain(self.state.log_limiter_due().map(left)).min()?;
@@ -247,8 +247,8 @@ impl Serving<'_> {
     fn end_late(&mut self, now: Instant) {
         let limits = &self.server.limits;
         self.sessions.retain_mut(|session| {
-            let patience = session.patience(limits);
-            if patience.is_none_or(|patience| now.saturating_duration_since(session.since()) < patience) {
+            let limit = session.time_limit(limits);
+            if limit.is_none_or(|limit| now.saturating_duration_since(session.since()) < limit) {
                 return true;
             }
             let what = "the configuration file is still being read; it will be applied when that is done, see the log";

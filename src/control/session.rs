@@ -136,7 +136,7 @@ impl Session {
     }
 
     /// How long it may stay at what it is at; `None` where it is not its doing.
-    pub(super) fn patience(&self, limits: &Limits) -> Option<Duration> {
+    pub(super) fn time_limit(&self, limits: &Limits) -> Option<Duration> {
         match self.at() {
             At::Rest => Some(limits.idle),
             At::Arriving | At::Giving => Some(limits.slow),
@@ -303,7 +303,7 @@ mod tests {
         session.take_line(now).unwrap();
         assert!(session.reply(&long, now) && session.at() == At::Giving);
         assert!(session.talk(now) && session.at() == At::Giving);
-        assert_eq!(session.patience(&Limits::default()), Some(Limits::default().slow));
+        assert_eq!(session.time_limit(&Limits::default()), Some(Limits::default().slow));
         drop(client);
         assert!(!session.talk(now));
     }

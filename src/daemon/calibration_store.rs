@@ -279,8 +279,8 @@ impl State {
 
 /// What the file is to hold: what it holds now, be it another daemon's, with the order of use and the changes of this one. An entry that
 /// was deleted from it stays deleted unless it changed here.
-fn merge(mut kept: Vec<Entry>, ours: &[Held]) -> Vec<Entry> {
-    for held in ours.iter().filter(|held| held.used) {
+fn merge(mut kept: Vec<Entry>, learned: &[Held]) -> Vec<Entry> {
+    for held in learned.iter().filter(|held| held.used) {
         let there = kept.iter().position(|entry| entry.mode == held.entry.mode).map(|at| kept.remove(at));
         kept.extend(if held.changed { Some(held.entry.clone()) } else { there });
     }

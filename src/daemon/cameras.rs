@@ -10,7 +10,7 @@ use crate::device::v4l2::{CaptureParams, Device, Hotplug, Known, News, Next, Roo
 use crate::rt::notifier::Notifier;
 
 /// "auto" waits this long for the camera that it had, before it takes another; any setting, for the node with its picture.
-const PATIENCE: Duration = Duration::from_secs(10);
+const MAX_ABSENCE: Duration = Duration::from_secs(10);
 
 /// How long to sleep where nothing happens.
 const LONG: Duration = Duration::from_secs(3600);
@@ -43,8 +43,8 @@ impl Cameras {
         let Some(known) = known else { return Ok(asked) };
         let there = There::look(&asked.device, &self.roots);
         known.look_around(there.nodes());
-        let patient = away.is_none_or(|since| since.elapsed() < PATIENCE);
-        let next = known.next(&asked.device, &there, patient);
+        let waits = away.is_none_or(|since| since.elapsed() < MAX_ABSENCE);
+        let next = known.next(&asked.device, &there, waits);
         if matches!(next, Next::Open(_)) {
             *away = None;
         } else {

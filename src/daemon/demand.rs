@@ -76,7 +76,7 @@ impl Demand {
     }
 
     /// How long from `now_ns` on the answer stands if no viewer comes or goes; `None`: for ever.
-    pub(super) fn stands(&self, now_ns: i64) -> Option<Duration> {
+    pub(super) fn stays_for(&self, now_ns: i64) -> Option<Duration> {
         let until_ns = if self.watched { self.from_ns } else { self.until_ns };
         let left_ns = until_ns.checked_sub(now_ns).filter(|left_ns| *left_ns > 0)?;
         Some(Duration::from_nanos(left_ns.unsigned_abs()))
@@ -135,12 +135,12 @@ mod tests {
     #[test]
     fn the_answer_stands_as_long_as_it_says() {
         let mut demand = Demand::new(Duration::from_secs(3));
-        assert_eq!(demand.stands(5 * S), None);
+        assert_eq!(demand.stays_for(5 * S), None);
         demand.see(true, 5 * S);
-        assert_eq!(demand.stands(5 * S), None);
+        assert_eq!(demand.stays_for(5 * S), None);
         demand.see(false, 9 * S);
-        assert_eq!(demand.stands(10 * S), Some(Duration::from_secs(2)));
+        assert_eq!(demand.stays_for(10 * S), Some(Duration::from_secs(2)));
         assert!(demand.wants(12 * S - 1) && !demand.wants(12 * S));
-        assert_eq!(demand.stands(12 * S), None);
+        assert_eq!(demand.stays_for(12 * S), None);
     }
 }

@@ -173,13 +173,13 @@ impl RejectedFormats {
     }
 
     /// The same for the status.
-    pub(super) fn told(&self) -> Vec<RejectedFormat> {
-        let told = |left: &Left| RejectedFormat {
+    pub(super) fn for_status(&self) -> Vec<RejectedFormat> {
+        let rejected = |left: &Left| RejectedFormat {
             camera: left.format.card.clone(),
             format: left.format.pixel.to_string(),
             what: left.what.clone(),
         };
-        self.0.iter().map(told).collect()
+        self.0.iter().map(rejected).collect()
     }
 }
 
@@ -288,14 +288,14 @@ mod tests {
         left.try_again(&two);
         assert!(left.any(&one));
         left.try_again(&one);
-        assert_eq!((left.any(&one), left.avoided().len(), left.told().len()), (false, 0, 2), "tried, and not forgotten");
+        assert_eq!((left.any(&one), left.avoided().len(), left.for_status().len()), (false, 0, 2), "tried, and not forgotten");
         left.leave(&one, PixelFormat::Nv12, "empty".into());
         assert!(left.try_all_again() && !left.try_all_again() && !left.any(&one));
         left.forget(&one.0, &one.1, PixelFormat::Mjpeg);
-        assert_eq!(left.told()[0].what, "empty");
+        assert_eq!(left.for_status()[0].what, "empty");
         for n in 0..100 {
             left.leave(&(n.to_string(), String::new()), PixelFormat::Yuyv, String::new());
         }
-        assert_eq!(left.told().len(), MAX_LEFT);
+        assert_eq!(left.for_status().len(), MAX_LEFT);
     }
 }

@@ -341,7 +341,7 @@ impl<'a> Supervisor<'a> {
             }
             _ => self.recovery = Recovery::new(),
         }
-        self.parts.state.metrics.set_rejected_formats(self.rejected.told());
+        self.parts.state.metrics.set_rejected_formats(self.rejected.for_status());
     }
 
     /// The camera is closed: waits for viewers.

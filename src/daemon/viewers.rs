@@ -91,8 +91,8 @@ impl ViewerEvents {
         let (mut loopback, mut nodes) = (Demand::new(linger), Demand::exact(linger));
         while !over.is_set() {
             let now_ns = monotonic_ns();
-            let patience = [loopback.stands(now_ns), nodes.stands(now_ns)].into_iter().flatten().min();
-            let count = match self.wait(patience) {
+            let timeout = [loopback.stays_for(now_ns), nodes.stays_for(now_ns)].into_iter().flatten().min();
+            let count = match self.wait(timeout) {
                 Ok(count) => count,
                 Err(error) => {
                     // The next write to the device reports the fault.
@@ -109,13 +109,13 @@ impl ViewerEvents {
         }
     }
 
-    /// Waits until something changes, but no longer than `patience`; says how many watch the loopback.
-    fn wait(&mut self, patience: Option<Duration>) -> Result<u32, DeviceError> {
+    /// Waits until something changes, but no longer than `timeout`; says how many watch the loopback.
+    fn wait(&mut self, timeout: Option<Duration>) -> Result<u32, DeviceError> {
         match &mut self.viewers {
-            Some(viewers) => viewers.wait(&self.notifier, patience),
+            Some(viewers) => viewers.wait(&self.notifier, timeout),
             None => {
                 // Past the moment, not short of it.
-                self.notifier.wait(patience.map_or(LONG, |patience| patience + Duration::from_millis(1)));
+                self.notifier.wait(timeout.map_or(LONG, |timeout| timeout + Duration::from_millis(1)));
                 Ok(0)
             }
         }

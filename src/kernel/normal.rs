@@ -109,7 +109,7 @@ pub fn evaluate(
     points: &[[f64; 4]; POINTS],
     weights: &[[f64; POINTS]],
     rates: &[[f64; CURVE]],
-    said: &mut [[f64; WIDE]],
+    predicted: &mut [[f64; WIDE]],
 ) {
     dispatch!(
         level,
@@ -117,14 +117,19 @@ pub fn evaluate(
             points: &[[f64; 4]; POINTS],
             weights: &[[f64; POINTS]],
             rates: &[[f64; CURVE]],
-            said: &mut [[f64; WIDE]],
+            predicted: &mut [[f64; WIDE]],
         )
     )
 }
 
 #[inline(always)]
-fn evaluate_body(points: &[[f64; 4]; POINTS], weights: &[[f64; POINTS]], rates: &[[f64; CURVE]], said: &mut [[f64; WIDE]]) {
-    for ((weights, rates), said) in weights.iter().zip(rates).zip(said) {
+fn evaluate_body(
+    points: &[[f64; 4]; POINTS],
+    weights: &[[f64; POINTS]],
+    rates: &[[f64; CURVE]],
+    predicted: &mut [[f64; WIDE]],
+) {
+    for ((weights, rates), predicted) in weights.iter().zip(rates).zip(predicted) {
         let mut sums = [[0.0; 4]; 3];
         for p in 0..CURVE {
             let half = 1 + p / (CURVE / 2);
@@ -138,7 +143,7 @@ fn evaluate_body(points: &[[f64; 4]; POINTS], weights: &[[f64; POINTS]], rates: 
                 sums[0][c] += weights[p] * points[p][c];
             }
         }
-        said.copy_from_slice(sums.as_flattened());
+        predicted.copy_from_slice(sums.as_flattened());
     }
 }
 
@@ -189,13 +194,13 @@ mod tests {
         let (weights, rates) = (numbers::<POINTS>(7, 5), numbers::<CURVE>(7, 6));
         let points: [[f64; 4]; POINTS] = std::array::from_fn(|p| numbers(1, 70 + p as u64)[0]);
         for level in Level::all() {
-            let mut said = vec![[9.0; WIDE]; 7];
-            evaluate(level, &points, &weights, &rates, &mut said);
-            for (m, said) in said.iter().enumerate() {
+            let mut predicted = vec![[9.0; WIDE]; 7];
+            evaluate(level, &points, &weights, &rates, &mut predicted);
+            for (m, predicted) in predicted.iter().enumerate() {
                 for c in 0..4 {
                     let sum = |of: &[f64], p: std::ops::Range<usize>| p.map(|p| of[p] * points[p][c]).sum::<f64>();
                     let wanted = [sum(&weights[m], 0..POINTS), sum(&rates[m], 0..4), sum(&rates[m], 4..8)];
-                    (0..3).for_each(|i| assert!((said[4 * i + c] - wanted[i]).abs() < 1e-12));
+                    (0..3).for_each(|i| assert!((predicted[4 * i + c] - wanted[i]).abs() < 1e-12));
                 }
             }
         }

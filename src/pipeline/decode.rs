@@ -125,7 +125,7 @@ impl Reasons {
     pub fn add(&mut self, why: &Unusable) {
         let kind = why.reason() as usize;
         self.counts[kind] += 1;
-        self.first[kind].get_or_insert_with(|| said(why));
+        self.first[kind].get_or_insert_with(|| reason_text(why));
     }
 
     /// Frames in all.
@@ -160,7 +160,7 @@ impl Reasons {
 }
 
 /// A reason's words, cut where they are too long.
-pub(super) fn said(why: &Unusable) -> Box<str> {
+pub(super) fn reason_text(why: &Unusable) -> Box<str> {
     let mut text: String = why.to_string().chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     if text.len() > LONGEST {
         let end = (0..=LONGEST).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn what_a_decoder_quotes_is_cut_and_plain() {
         let why = Unusable::Undecodable(UnpackError::Damaged { what: format!("a\u{1b}b{}", "\u{e9}".repeat(500)).into() });
-        let text = said(&why);
+        let text = reason_text(&why);
         assert!(text.len() <= LONGEST + 3 && text.ends_with("...") && !text.contains('\u{1b}'), "{text}");
     }
 

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError, TryLockError};
 
 use super::Params;
-use super::decode::{Reason, Reasons, Unusable, said};
+use super::decode::{Reason, Reasons, Unusable, reason_text};
 
 /// Settings that may be changed while frames go by, and what becomes of these. Outlives a stream: a daemon has one for all its streams.
 #[derive(Debug)]
@@ -23,9 +23,9 @@ pub struct Live {
     /// `frames_in` and `unusable` as they were when the present stream began.
     frames_before: AtomicU64,
     unusable_before: [AtomicU64; Reason::COUNT],
-    /// The first unusable frame's words for each reason, in the present stream; a bit of `told` for each that is there.
+    /// The first unusable frame's words for each reason, in the present stream; a bit of `described` for each that is there.
     first: Mutex<[Option<Box<str>>; Reason::COUNT]>,
-    told: AtomicU64,
+    described: AtomicU64,
 }
 
 /// What became of the frames of a [`Live`] until they were to be drawn; over all its streams.
@@ -61,7 +61,7 @@ impl Live {
             frames_before: AtomicU64::new(0),
             unusable_before: Default::default(),
             first: Mutex::default(),
-            told: AtomicU64::new(0),
+            described: AtomicU64::new(0),
         }
     }
 
@@ -113,7 +113,7 @@ impl Live {
         self.frames_before.store(frames_in, Ordering::Relaxed);
         self.unusable_before.iter().zip(unusable).for_each(|(before, count)| before.store(count, Ordering::Relaxed));
         *self.first.lock().unwrap_or_else(PoisonError::into_inner) = Default::default();
-        self.told.store(0, Ordering::Relaxed);
+        self.described.store(0, Ordering::Relaxed);
     }
 
     /// The settings, where they changed since `seen`. One atomic load otherwise; where they are being set at this moment, the next
@@ -140,11 +140,11 @@ impl Live {
             self.unusable[kind].fetch_add(1, Ordering::Relaxed);
             let bit = 1 << kind;
             // Where they are being read just now, the next such frame's words are kept.
-            if self.told.load(Ordering::Relaxed) & bit == 0
+            if self.described.load(Ordering::Relaxed) & bit == 0
                 && let Ok(mut first) = self.first.try_lock()
             {
-                first[kind] = Some(said(why));
-                self.told.fetch_or(bit, Ordering::Relaxed);
+                first[kind] = Some(reason_text(why));
+                self.described.fetch_or(bit, Ordering::Relaxed);
             }
         }
         self.frames_in.fetch_add(1, Ordering::Relaxed);

@@ -108,11 +108,11 @@ struct Shared {
     bytes: usize,
     stride: usize,
     wake: Notifier,
-    told: Mutex<Told>,
+    reported: Mutex<Reported>,
 }
 
 #[derive(Debug)]
-struct Told {
+struct Reported {
     state: State,
     slots: Vec<Known>,
     next: u64,
@@ -133,8 +133,8 @@ unsafe impl Send for Known {}
 
 impl Shared {
     /// Never held while the library is called.
-    fn told(&self) -> MutexGuard<'_, Told> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn reported(&self) -> MutexGuard<'_, Reported> {
+        self.reported.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -168,7 +168,7 @@ impl Node {
             bytes: params.bytes(),
             stride: params.stride(),
             wake: wake.clone(),
-            told: Mutex::new(Told { state: State::Connecting, slots: Vec::new(), next: 0 }),
+            reported: Mutex::new(Reported { state: State::Connecting, slots: Vec::new(), next: 0 }),
         });
         // SAFETY: the name ends in a zero; no properties are needed.
         let thread = unsafe { (library.thread_loop_new)(c"pipewire".as_ptr(), null()) };
@@ -225,12 +225,12 @@ impl Node {
 
     /// What it is at.
     pub fn state(&self) -> State {
-        self.shared.told().state.clone()
+        self.shared.reported().state.clone()
     }
 
     /// Whether the library still has that buffer.
     pub fn has(&self, id: u64) -> bool {
-        self.shared.told().slots.iter().any(|known| known.id == id)
+        self.shared.reported().slots.iter().any(|known| known.id == id)
     }
 
     /// A buffer to draw into; `None` where readers use all of them.
@@ -238,8 +238,8 @@ impl Node {
         let _lock = self.lock();
         // SAFETY: the lock is held and the stream lives.
         let buffer = NonNull::new(unsafe { (self.library.stream_dequeue_buffer)(self.stream.as_ptr()) })?;
-        let mut told = self.shared.told();
-        let known = told.slots.iter_mut().find(|known| known.buffer == buffer)?;
+        let mut reported = self.shared.reported();
+        let known = reported.slots.iter_mut().find(|known| known.buffer == buffer)?;
         known.taken = true;
         Some(Slot { id: known.id, fd: known.fd.clone() })
     }
@@ -250,8 +250,8 @@ impl Node {
         self.sequence += 1;
         let _lock = self.lock();
         let found = {
-            let mut told = self.shared.told();
-            let known = told.slots.iter_mut().find(|known| known.id == id && known.taken);
+            let mut reported = self.shared.reported();
+            let known = reported.slots.iter_mut().find(|known| known.id == id && known.taken);
             known.map(|known| {
                 known.taken = false;
                 known.buffer
@@ -271,7 +271,7 @@ impl Node {
     /// counted as in use for ever.
     pub fn forget_readers(&mut self) {
         let _lock = self.lock();
-        for known in &self.shared.told().slots {
+        for known in &self.shared.reported().slots {
             // SAFETY: the lock is held and the buffer is on the list; the count is shared with other processes and only used atomically.
             if let Some(count) = unsafe { busy(known.buffer) } {
                 count.store(u32::from(known.taken), Ordering::Relaxed);
@@ -368,12 +368,12 @@ unsafe extern "C" fn state_changed(data: *mut c_void, _: c_int, state: c_int, er
         STATE_STREAMING => State::Streaming,
         _ => State::Connecting,
     };
-    let mut told = shared.told();
+    let mut reported = shared.reported();
     // What is lost stays so: the first reason is the true one.
-    if !matches!(told.state, State::Lost(_)) {
-        told.state = state;
+    if !matches!(reported.state, State::Lost(_)) {
+        reported.state = state;
     }
-    drop(told);
+    drop(reported);
     shared.wake.notify();
 }
 
@@ -420,11 +420,11 @@ unsafe extern "C" fn add_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
         block.max_size = shared.bytes as u32;
         block.data = null_mut();
     }
-    let mut told = shared.told();
-    told.next += 1;
-    let id = told.next;
-    told.slots.push(Known { id, buffer, fd: Arc::new(fd), taken: false });
-    drop(told);
+    let mut reported = shared.reported();
+    reported.next += 1;
+    let id = reported.next;
+    reported.slots.push(Known { id, buffer, fd: Arc::new(fd), taken: false });
+    drop(reported);
     shared.wake.notify();
 }
 
@@ -433,7 +433,7 @@ unsafe extern "C" fn add_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
 unsafe extern "C" fn remove_buffer(data: *mut c_void, buffer: *mut PwBuffer) {
     // SAFETY: as said above.
     let shared = unsafe { &*data.cast::<Shared>() };
-    shared.told().slots.retain(|known| known.buffer.as_ptr() != buffer);
+    shared.reported().slots.retain(|known| known.buffer.as_ptr() != buffer);
     shared.wake.notify();
 }
 

@@ -316,8 +316,8 @@ impl Round<'_> {
             self.connections.iter().map(|connection| PollFd::from_borrowed_fd(connection.lease.socket.as_fd(), PollFlags::IN)),
         );
         let waits = crowded || self.connections.iter().any(Connection::waits_for_proof) || !self.left.is_empty();
-        let patience = waits.then(|| Timespec::try_from(LOOK_FOR_CAMERA).ok()).flatten();
-        if poll(&mut fds, patience.as_ref()).is_err() {
+        let timeout = waits.then(|| Timespec::try_from(LOOK_FOR_CAMERA).ok()).flatten();
+        if poll(&mut fds, timeout.as_ref()).is_err() {
             return Ready::default();
         }
         let readable = |fd: &PollFd<'_>| !fd.revents().is_empty();

@@ -1,7 +1,7 @@
 //! The crop window: how much of the picture is given up to hide the border, and keeping every correction inside it.
 //!
 //! The output shows the picture magnified by `zoom` about its centre; the margin that this hides is what a correction may use.
-//! For each frame, in this order: [`Window::rows_part`] is how much of the rows' own motion may be undone, scaled back from [`KNEE`] of the
+//! For each frame, in this order: [`Window::rows_margin`] is how much of the rows' own motion may be undone, scaled back from [`KNEE`] of the
 //! margin on, gently at first; [`Window::bounds`] is what that leaves to corrections, as planes; the smoother stays inside of these; and
 //! [`Window::correction_part`] checks the map itself, since the picture's edge, as rows and perspective bend it, is no plane. With a
 //! border that may show, the window reaches beyond the picture, as far as the largest zoom would give way.
@@ -237,7 +237,7 @@ impl Window {
 
     /// The largest part (0 to 1) of the rows' motion for which the outline stays inside, softened from [`KNEE`] of the margin on.
     /// `map` gives the map for a part of the motion, part 0 must stay inside.
-    pub fn rows_part(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+    pub fn rows_margin(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
         let whole = self.crop_use(&map(1.0), view);
         let rest = self.crop_use(&map(0.0), view);
         if whole.max(rest) <= KNEE {

@@ -8,8 +8,8 @@
 //! |---|---|---|
 //! | trust ([`super::trust`]) | both | the motion is unknown for long |
 //! | presence ([`super::presence`]) | both | stabilization is switched off |
-//! | agreement ([`super::shutter::Motion::rows_part`]) | the rows' motion | the pictures do not confirm it |
-//! | rows' margin ([`super::crop::Window::rows_part`]) | the rows' motion | undoing it all would show the border |
+//! | agreement ([`super::shutter::Motion::agreement`]) | the rows' motion | the pictures do not confirm it |
+//! | rows' margin ([`super::crop::Window::rows_margin`]) | the rows' motion | undoing it all would show the border |
 //! | margin ([`super::crop::Window::correction_part`]) | the correction | the map that it gives would show the border |
 
 use crate::geometry::Pose;

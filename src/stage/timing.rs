@@ -169,7 +169,7 @@ impl Timing {
         self.line.push(self.count, time_ns);
     }
 
-    /// Delays of this source up to which it is no surprise (nanoseconds).
+    /// Delays of this source up to which none is an outlier (nanoseconds).
     fn usual_delay_ns(&self) -> f64 {
         LATER * self.proven_ns
     }

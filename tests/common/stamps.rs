@@ -1,6 +1,7 @@
 //! Frames of an even camera, stamped as drivers do it that stamp on arrival: late by what varies, in bursts, after stalls.
 
 use super::{Shot, normal};
+use gimbald::random::SplitMix;
 
 /// How frames are stamped; times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]

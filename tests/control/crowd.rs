@@ -14,7 +14,7 @@ use rustix::process::Uid;
 use crate::rig::{LONG, Scratch, reply, said, served, served_with, skipped};
 
 /// Limits under which nothing but the number of places decides.
-fn patient() -> Limits {
+fn unlimited() -> Limits {
     let without_end = Rate { per_second: 1e6, burst: 1e6 };
     Limits { idle: 10 * LONG, slow: 10 * LONG, process: without_end, user: without_end, ..Limits::default() }
 }
@@ -47,7 +47,7 @@ fn connect_as(scratch: &Scratch, uid: u32) -> Option<UnixStream> {
 
 #[test]
 fn bad_company_keeps_nobody_waiting() {
-    served("company", patient(), |scratch, state| {
+    served("company", unlimited(), |scratch, state| {
         // one who never ends a line, one who is silent, one who asks and never listens
         let mut endless = scratch.connect();
         endless.write_all(&[b'x'; 100]).unwrap();
@@ -121,7 +121,7 @@ fn flood(stream: &UnixStream, line: &[u8], over: &AtomicBool, answered: &AtomicU
 
 #[test]
 fn who_asks_without_end_waits_for_his_answers_and_gets_them_all() {
-    let limits = Limits { connection: Rate { per_second: 20.0, burst: 20.0 }, ..patient() };
+    let limits = Limits { connection: Rate { per_second: 20.0, burst: 20.0 }, ..unlimited() };
     served("pace", limits, |scratch, _| {
         let stream = scratch.connect();
         let begun = Instant::now();
@@ -138,7 +138,7 @@ fn who_asks_without_end_waits_for_his_answers_and_gets_them_all() {
 /// Connections that ask nothing cost nobody a place: neither seventeen nor two hundred.
 #[test]
 fn idle_connections_make_room() {
-    served("idle", patient(), |scratch, _| {
+    served("idle", unlimited(), |scratch, _| {
         let mut idle: Vec<UnixStream> = (0..17).map(|_| scratch.connect()).collect();
         assert!(said(&scratch.gimbald(&["status"])).contains("state "));
         // the seventeenth of this process took the place of the first, which was told so
@@ -165,7 +165,7 @@ fn places_are_kept_for_root_and_the_own_user() {
     }
     let read = || Ok(Settings::default());
     // The process limit would count here as well: all these users have one process.
-    let limits = Limits { per_process: 64, ..patient() };
+    let limits = Limits { per_process: 64, ..unlimited() };
     served_with(scratch, 0o666, limits, Box::new(read), |scratch, _| {
         std::fs::set_permissions(&scratch.0, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
         let others: Vec<UnixStream> =
@@ -208,7 +208,7 @@ fn users_have_their_own_shares() {
         return skipped("shares of several users: only root can connect as others");
     }
     let slow = Rate { per_second: 1e-3, burst: 5.0 };
-    let limits = Limits { user: slow, others: Rate { burst: 8.0, ..slow }, ..patient() };
+    let limits = Limits { user: slow, others: Rate { burst: 8.0, ..slow }, ..unlimited() };
     served_with(scratch, 0o666, limits, Box::new(|| Ok(Settings::default())), |scratch, _| {
         let [alice, bob, root] = [20_001, 20_002, 0].map(|uid| connect_as(scratch, uid).unwrap());
         let answers = |mut stream: &UnixStream, count: usize| {

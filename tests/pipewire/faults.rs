@@ -100,7 +100,7 @@ const FAULTS: [Fault; 10] = [
 ];
 
 /// A session that faults happen to. A part is `None` while it is being replaced.
-struct Patient {
+struct Setup {
     session: Session,
     size: (u32, u32),
     producer: Option<Producer>,
@@ -108,13 +108,13 @@ struct Patient {
     reader: Option<Reader>,
 }
 
-impl Patient {
+impl Setup {
     fn producer(&self) -> &Producer {
         self.producer.as_ref().expect("put back after each fault")
     }
 
     /// Makes the fault happen; says after how many seconds a reader had a new picture.
-    fn suffer(&mut self, fault: Fault) -> f64 {
+    fn inject(&mut self, fault: Fault) -> f64 {
         match fault {
             Fault::NewReader => self.new_reader(monotonic_ns()),
             Fault::DaemonRestarts => {
@@ -253,12 +253,12 @@ fn every_fault_in_any_order() {
     let chosen: Vec<Fault> =
         FAULTS.into_iter().filter(|fault| only.as_ref().is_none_or(|only| *only == format!("{fault:?}"))).collect();
     assert!(!chosen.is_empty(), "GIMBALD_FAULT={only:?}: it may be one of {FAULTS:?}");
-    let mut patient = Patient { session, size: SIZE, producer, companion, reader };
+    let mut setup = Setup { session, size: SIZE, producer, companion, reader };
     let mut times: BTreeMap<Fault, Vec<f64>> = BTreeMap::new();
     for round in 0..rounds {
         let fault = chosen[random.below(chosen.len())];
         let begun = Instant::now();
-        let seconds = patient.suffer(fault);
+        let seconds = setup.inject(fault);
         println!(
             "round {round}: {fault:?}: a new picture {seconds:.2} s after ({:.1} s in all)",
             begun.elapsed().as_secs_f64()

@@ -4,7 +4,7 @@ use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::rt::clock::monotonic_ns;
 use crate::stage::timing::Timing;
 
-use super::super::record::PATIENCE;
+use super::super::record::MAX_SILENCE;
 
 /// Gives the frames of another source, but not too many, and does not wait for ever.
 pub(super) struct Limited {
@@ -50,7 +50,7 @@ impl FrameSource for Limited {
                 self.came_ns = monotonic_ns();
                 Ok(Lent::Frame(frame))
             }
-            Lent::Idle if monotonic_ns() - self.came_ns > PATIENCE.as_nanos() as i64 => Ok(Lent::End),
+            Lent::Idle if monotonic_ns() - self.came_ns > MAX_SILENCE.as_nanos() as i64 => Ok(Lent::End),
             other => Ok(other),
         }
     }

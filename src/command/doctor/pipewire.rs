@@ -37,24 +37,24 @@ pub(super) fn looked_at(instance: Option<&str>, loopback: Option<&Path>, wanted:
     let seen = Seen {
         library: Some(Library::open().map(Library::version).map_err(|missing| missing.to_string())),
         runs,
-        unit: runs.and_then(|_| said("systemctl", &["--user", "is-active", UNIT])).map(|state| state.trim().to_owned()),
-        objects: runs.filter(|runs| *runs).and_then(|_| said("pw-dump", &[])).map(|text| {
+        unit: runs.and_then(|_| output_of("systemctl", &["--user", "is-active", UNIT])).map(|state| state.trim().to_owned()),
+        objects: runs.filter(|runs| *runs).and_then(|_| output_of("pw-dump", &[])).map(|text| {
             let lists = serde_json::Deserializer::from_str(&text).into_iter::<Vec<serde_json::Value>>();
             lists.map_while(Result::ok).flatten().collect()
         }),
     };
-    judged(&seen, instance, loopback, wanted)
+    findings(&seen, instance, loopback, wanted)
 }
 
 /// What a program writes to its standard output, whatever its exit code; `None` where it is not there.
-fn said(program: &str, arguments: &[&str]) -> Option<String> {
+fn output_of(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
     Some(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// With `output.pipewire = "auto"` PipeWire may be absent without harm where there is a loopback; otherwise what is missing is advice, and a
 /// fault where the library is missing that the setting `true` counts on.
-fn judged(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>, wanted: Option<bool>) -> Vec<Finding> {
+fn findings(seen: &Seen, instance: Option<&str>, loopback: Option<&Path>, wanted: Option<bool>) -> Vec<Finding> {
     let note = |what: String| Finding::note("pipewire", what);
     let version = match &seen.library {
         Some(Ok(version)) => version,
@@ -156,7 +156,7 @@ mod tests {
             unit: Some("active".into()),
             objects: Some(vec![there, twin]),
         };
-        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")), Some(true));
+        let judge = |seen: &Seen| findings(seen, None, Some(Path::new("/dev/video9")), Some(true));
         let good = judge(&seen);
         assert!(
             good[0].severity == Severity::Good && good.iter().all(|finding| finding.severity <= Severity::Note),
@@ -166,20 +166,20 @@ mod tests {
         for part in ["WebRtcPipeWireCamera", "media.webrtc.camera.allow-pipewire", "lists the loopback /dev/video9"] {
             assert!(text.contains(part), "{part} in {text}");
         }
-        let missed = judged(&seen, None, Some(Path::new("/dev/video8")), None);
+        let missed = findings(&seen, None, Some(Path::new("/dev/video8")), None);
         assert!(words(&missed).contains("restart wireplumber"));
-        let other = judged(&seen, Some("desk"), None, None);
+        let other = findings(&seen, Some("desk"), None, None);
         assert!(other[0].severity == Severity::Advice && other[0].what.contains("gimbald.desk"), "{other:?}");
         let stopped_seen = Seen { unit: Some("inactive".into()), objects: Some(Vec::new()), ..seen.clone() };
         let stopped = judge(&stopped_seen);
         assert!(stopped[0].mend.contains("enable --now gimbald-pipewire"), "{stopped:?}");
-        let automatic = judged(&stopped_seen, None, Some(Path::new("/dev/video9")), None);
+        let automatic = findings(&stopped_seen, None, Some(Path::new("/dev/video9")), None);
         assert!(automatic[0].severity == Severity::Note && automatic[0].what.contains("to enable it"), "{automatic:?}");
-        let alone = judged(&stopped_seen, None, None, None);
+        let alone = findings(&stopped_seen, None, None, None);
         assert!(alone[0].severity == Severity::Advice, "without a loopback it is the only output: {alone:?}");
         let lacking = Seen { library: Some(Err("install libpipewire".into())), ..seen.clone() };
         assert_eq!(judge(&lacking)[0].severity, Severity::Fault, "it was counted on");
-        let judge = |seen: &Seen| judged(seen, None, Some(Path::new("/dev/video9")), None);
+        let judge = |seen: &Seen| findings(seen, None, Some(Path::new("/dev/video9")), None);
         for (seen, part) in [
             (lacking, "install libpipewire"),
             (Seen { runs: None, ..seen.clone() }, "without sudo"),

@@ -39,12 +39,12 @@ pub(super) fn looked_at(settings: &Settings, status: Option<&Status>) -> Finding
         return Finding::advice("processor", what, format!("unset {LEVEL_VARIABLE}"));
     }
     match status.and_then(at_work).or_else(|| rehearsed(settings)) {
-        Some(cost) => judged(level.name(), &cost),
+        Some(cost) => speed_finding(level.name(), &cost),
         None => Finding::good("processor", format!("using {}", level.name())),
     }
 }
 
-fn judged(level: &str, cost: &Cost) -> Finding {
+fn speed_finding(level: &str, cost: &Cost) -> Finding {
     let Cost { frames, fps, work_ms, too_much } = cost;
     let what = format!("using {level}; {frames}: {work_ms:.1} ms per frame");
     if *too_much {
@@ -102,13 +102,13 @@ mod tests {
             frames: Frames { captured: 1000, ..Frames::default() },
             ..Status::default()
         };
-        let good = judged("neon", &at_work(&at(13.0, 3)).unwrap());
+        let good = speed_finding("neon", &at_work(&at(13.0, 3)).unwrap());
         assert_eq!(good.severity, Severity::Good);
         assert_eq!(
             good.what,
             "using neon; 1280x720 MJPG (measured by the daemon): 13.0 ms per frame, 39 % of a core at 30 fps"
         );
-        let slow = judged("scalar", &at_work(&at(51.0, 300)).unwrap());
+        let slow = speed_finding("scalar", &at_work(&at(51.0, 300)).unwrap());
         assert!(slow.severity == Severity::Advice && slow.mend.contains("camera.width"), "{slow}");
         assert!(slow.what.ends_with("51.0 ms per frame: too slow for 30 fps"), "{slow}");
         assert_eq!(at_work(&Status { camera: None, ..at(13.0, 0) }), None, "it does not stream");

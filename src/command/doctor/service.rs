@@ -21,7 +21,7 @@ pub(super) fn shown(unit: &str) -> Option<String> {
 }
 
 /// What that means.
-pub(super) fn judged(unit: &str, shown: Option<&str>) -> Finding {
+pub(super) fn unit_finding(unit: &str, shown: Option<&str>) -> Finding {
     let Some(shown) = shown else {
         return Finding::note("service", "systemd is not available; run `gimbald run --config FILE` in a terminal instead");
     };
@@ -164,7 +164,7 @@ mod tests {
             (Some(String::new()), Severity::Advice, "is not running"),
             (None, Severity::Note, "systemd is not available"),
         ] {
-            let finding = judged("g", shown.as_deref());
+            let finding = unit_finding("g", shown.as_deref());
             assert_eq!(finding.severity, severity, "{finding}");
             assert!(finding.to_string().contains(words), "{words} in {finding}");
         }

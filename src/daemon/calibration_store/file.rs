@@ -13,7 +13,7 @@ use rustix::io::Errno;
 /// Most bytes that are read.
 pub(super) const LARGEST: u64 = 1 << 16;
 /// How long a writer waits for another, and how often it asks.
-const PATIENCE: Duration = Duration::from_secs(1);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
 const ASK_EVERY: Duration = Duration::from_millis(10);
 /// A file that is being written is named so, with random letters between; it becomes the state file by being renamed.
 const UNFINISHED: (&str, &str) = (".cameras-", ".new");
@@ -118,7 +118,7 @@ fn lock(directory: &File) -> Result<(), Unusable> {
     loop {
         match flock(directory, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => return Ok(()),
-            Err(Errno::WOULDBLOCK | Errno::INTR) if began.elapsed() < PATIENCE => thread::sleep(ASK_EVERY),
+            Err(Errno::WOULDBLOCK | Errno::INTR) if began.elapsed() < LOCK_TIMEOUT => thread::sleep(ASK_EVERY),
             Err(Errno::WOULDBLOCK) => {
                 let what = "cannot be written: another process holds the lock on its directory".into();
                 return Err(Unusable::Refused(what));
@@ -212,7 +212,7 @@ mod tests {
                     let file = &file;
                     scope.spawn(move || {
                         for round in 0..rounds {
-                            // Another's turn may last longer than the patience on a busy machine; a refusal changes nothing.
+                            // Another's turn may last longer than that on a busy machine; a refusal changes nothing.
                             while append(file, &format!("{writer} {round} {}\n", "x".repeat(999))).is_err() {}
                         }
                     })

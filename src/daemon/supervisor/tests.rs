@@ -15,7 +15,7 @@ use crate::frame::Stamp;
 use crate::image::PictureMut;
 use crate::systemd::Systemd;
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// What happens when a device is opened.
 #[derive(Clone, Copy)]
@@ -202,7 +202,7 @@ impl Rig<'_> {
             if is_so(&status) {
                 return status;
             }
-            assert!(started.elapsed() < PATIENCE, "{what}: {status:?}");
+            assert!(started.elapsed() < TIMEOUT, "{what}: {status:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }

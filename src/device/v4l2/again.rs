@@ -151,19 +151,19 @@ impl Known {
         }
     }
 
-    /// Where to look for the camera that `setting` means. `patient`: it has not been away for long, so that "auto" waits for it.
-    pub fn next(&self, setting: &str, there: &There, patient: bool) -> Next {
+    /// Where to look for the camera that `setting` means. `waits`: it has not been away for long, and "auto" waits for it.
+    pub fn next(&self, setting: &str, there: &There, waits: bool) -> Next {
         let naming = Naming::of(setting);
         match naming {
             Naming::Socket | Naming::Identity | Naming::Path => self.next_at_path(naming, there),
             Naming::Number | Naming::Name | Naming::Auto => {
-                if let Some(found) = self.found(there, patient) {
+                if let Some(found) = self.found(there, waits) {
                     return found;
                 }
                 let except = self.not_ours(there);
                 match (naming, &there.meant) {
                     (Naming::Number, Some(meant)) if except.contains(&meant.node) => Next::Wait(self.why_not(meant, there)),
-                    (Naming::Auto, _) if patient => Next::Wait(format!("{} is not there", self.ours.device.described())),
+                    (Naming::Auto, _) if waits => Next::Wait(format!("{} is not there", self.ours.device.described())),
                     // There is no other to be had by waiting.
                     (Naming::Auto, _) => Next::Search { except: Vec::new() },
                     _ => Next::Search { except },
@@ -202,7 +202,7 @@ impl Known {
     }
 
     /// Ours, where it is there under whatever number.
-    fn found(&self, there: &There, patient: bool) -> Option<Next> {
+    fn found(&self, there: &There, waits: bool) -> Option<Next> {
         let is_ours = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Ours;
         let ours: Vec<_> = there.nodes.iter().filter(is_ours).collect();
         let same = |seen: &&&Sighting| seen.function == self.ours.function && seen.index == self.ours.index;
@@ -218,7 +218,7 @@ impl Known {
             return None;
         }
         // Its nodes come one after the other.
-        Some(if patient {
+        Some(if waits {
             Next::Wait(format!("{} is there, but not yet the node with its picture", self.ours.device.described()))
         } else {
             Next::Open(ours.into_iter().cloned().collect())

@@ -26,7 +26,7 @@ use crate::rt::log_throttle::LogThrottle;
 use crate::rt::notifier::Notifier;
 
 /// How long a lend waits for a frame before it says [`Lent::Idle`].
-const PATIENCE: Duration = Duration::from_secs(1);
+const POLL_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Which camera, and what to ask of it; what is `None` is chosen by [`choose`].
 #[derive(Clone, Debug, PartialEq)]
@@ -229,7 +229,7 @@ impl Capture {
     fn start(&mut self) -> Result<(), DeviceError> {
         self.lent = None;
         self.ready.clear();
-        while let Some(index) = self.queue.ours() {
+        while let Some(index) = self.queue.free() {
             self.queue.enqueue(index, 0, 0).map_err(|errno| self.queue.node().error("give a buffer to", errno))?;
         }
         self.queue.start().map_err(|errno| self.queue.node().error("start the stream of", errno))?;
@@ -260,14 +260,14 @@ impl Capture {
         self.restart()
     }
 
-    /// Waits for the camera; `None` where patience ran out or a notification came, else what poll says of the camera.
+    /// Waits for the camera; `None` where timeout ran out or a notification came, else what poll says of the camera.
     fn wait(&mut self) -> Option<PollFlags> {
         let camera = PollFlags::IN;
         let mut fds =
             [PollFd::from_borrowed_fd(self.queue.node().fd(), camera), PollFd::from_borrowed_fd(self.wake.fd(), PollFlags::IN)];
-        let patience = Timespec { tv_sec: PATIENCE.as_secs().cast_signed(), tv_nsec: PATIENCE.subsec_nanos().into() };
+        let timeout = Timespec { tv_sec: POLL_TIMEOUT.as_secs().cast_signed(), tv_nsec: POLL_TIMEOUT.subsec_nanos().into() };
         // A signal (EINTR) ends the wait too: the caller checks its flags.
-        poll(&mut fds, Some(&patience)).ok()?;
+        poll(&mut fds, Some(&timeout)).ok()?;
         let (camera, notified) = (fds[0].revents(), fds[1].revents());
         if !notified.is_empty() {
             self.wake.clear();

@@ -21,7 +21,7 @@ pub enum News {
     Notified,
     /// A video device came, went, or was given other permissions.
     Devices,
-    /// Nothing for as long as patience lasted.
+    /// Nothing for `timeout`.
     Nothing,
 }
 
@@ -45,14 +45,14 @@ impl Hotplug {
         Ok(Self { events })
     }
 
-    /// Waits for news, at most `patience`.
-    pub fn wait(&self, notifier: &Notifier, patience: Duration) -> News {
+    /// Waits for news, at most `timeout`.
+    pub fn wait(&self, notifier: &Notifier, timeout: Duration) -> News {
         let mut fds = [
             PollFd::from_borrowed_fd(self.events.as_fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(notifier.fd(), PollFlags::IN),
         ];
         // An interrupting signal ends the wait early, as a notification would.
-        let _ = poll(&mut fds, Timespec::try_from(patience).ok().as_ref());
+        let _ = poll(&mut fds, Timespec::try_from(timeout).ok().as_ref());
         if notifier.clear() {
             News::Notified
         } else if self.drain() {

@@ -245,7 +245,7 @@ impl Loopback {
         if self.turns {
             return self.take_turn();
         }
-        if let Some(index) = self.queue.ours() {
+        if let Some(index) = self.queue.free() {
             return Ok(Some(index));
         }
         match self.queue.dequeue() {

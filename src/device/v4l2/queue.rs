@@ -94,7 +94,7 @@ impl Queue {
     }
 
     /// A buffer that is ours, if any is.
-    pub(super) fn ours(&self) -> Option<usize> {
+    pub(super) fn free(&self) -> Option<usize> {
         self.mappings.iter().position(|mapping| !mapping.queued)
     }
 

@@ -31,11 +31,11 @@ pub(super) enum Role {
 impl Role {
     /// The role of an open node.
     pub(super) fn of(node: &Node, identity: &Identity) -> Self {
-        Self::told(identity, || node.has_input())
+        Self::of_identity(identity, || node.has_input())
     }
 
     /// The same, `has_input` being asked only where it matters.
-    fn told(identity: &Identity, has_input: impl FnOnce() -> bool) -> Self {
+    fn of_identity(identity: &Identity, has_input: impl FnOnce() -> bool) -> Self {
         let has = |caps: u32| identity.caps & caps != 0;
         if identity.driver == LOOPBACK_DRIVER {
             Self::Loopback
@@ -60,7 +60,7 @@ mod tests {
     fn cameras_are_told_from_what_lies_behind_them() {
         let role = |driver: &str, caps: u32, input| {
             let identity = Identity { driver: driver.into(), card: "x".into(), bus: "y".into(), caps };
-            Role::told(&identity, || input)
+            Role::of_identity(&identity, || input)
         };
         let camera = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
         assert_eq!(role("uvcvideo", camera, true), Role::Camera);

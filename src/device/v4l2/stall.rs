@@ -25,7 +25,7 @@ pub(super) struct Stall {
     pause_ns: i64,
     /// A transfer failed since the last frame.
     failure: bool,
-    told: bool,
+    reported: bool,
 }
 
 /// A stream that is to be restarted.
@@ -41,7 +41,7 @@ pub(super) struct Stalled {
 
 impl Stall {
     pub(super) fn new() -> Self {
-        Self { since_ns: 0, frames: 0, pause_ns: PAUSE_NS.0, failure: false, told: false }
+        Self { since_ns: 0, frames: 0, pause_ns: PAUSE_NS.0, failure: false, reported: false }
     }
 
     /// The stream was started.
@@ -54,7 +54,7 @@ impl Stall {
         (self.since_ns, self.failure) = (now_ns, false);
         self.frames += 1;
         if self.frames == HELPED {
-            (self.pause_ns, self.told) = (PAUSE_NS.0, false);
+            (self.pause_ns, self.reported) = (PAUSE_NS.0, false);
         }
     }
 
@@ -71,11 +71,11 @@ impl Stall {
         if silent_ns < pause_ns {
             return None;
         }
-        let stalled = Stalled { seconds: silent_ns / SECOND_NS, frames: self.frames, is_new: !self.told };
+        let stalled = Stalled { seconds: silent_ns / SECOND_NS, frames: self.frames, is_new: !self.reported };
         if !self.failure {
             self.pause_ns = self.pause_ns.saturating_mul(2).min(PAUSE_NS.1);
         }
-        self.told = true;
+        self.reported = true;
         Some(stalled)
     }
 }
@@ -102,7 +102,7 @@ mod tests {
 
     /// Restarts of a camera that gives, after each start, the frames at these times (seconds); asked each second.
     fn restarts(seconds: i64, frames: &[f64], fails: bool) -> Vec<(i64, bool)> {
-        let (mut stall, mut started, mut next, mut told) = (Stall::new(), 0, 0, Vec::new());
+        let (mut stall, mut started, mut next, mut reports) = (Stall::new(), 0, 0, Vec::new());
         stall.started(0);
         if fails {
             stall.transfer_failed();
@@ -116,33 +116,33 @@ mod tests {
             if tick % 10 == 9
                 && let Some(stalled) = stall.look(now)
             {
-                told.push((tick / 10, stalled.is_new));
+                reports.push((tick / 10, stalled.is_new));
                 stall.started(now);
                 (started, next) = (now, 0);
             }
         }
-        told
+        reports
     }
 
     #[test]
     fn silence_is_said_once_and_tried_ever_more_rarely() {
-        let told = restarts(400, &[], false);
-        assert_eq!(told.iter().map(|(at, _)| *at).collect::<Vec<_>>(), [5, 15, 35, 75, 135, 195, 255, 315, 375]);
-        assert_eq!(told.iter().filter(|(_, new)| *new).count(), 1);
+        let reports = restarts(400, &[], false);
+        assert_eq!(reports.iter().map(|(at, _)| *at).collect::<Vec<_>>(), [5, 15, 35, 75, 135, 195, 255, 315, 375]);
+        assert_eq!(reports.iter().filter(|(_, new)| *new).count(), 1);
     }
 
     #[test]
     fn one_frame_with_each_start_does_not_count_as_help() {
-        let told = restarts(400, &[0.1], false);
-        assert!(told.len() <= 9, "{told:?}");
-        assert_eq!(told.iter().filter(|(_, new)| *new).count(), 1, "{told:?}");
+        let reports = restarts(400, &[0.1], false);
+        assert!(reports.len() <= 9, "{reports:?}");
+        assert_eq!(reports.iter().filter(|(_, new)| *new).count(), 1, "{reports:?}");
     }
 
     #[test]
     fn a_stream_that_runs_for_a_while_is_restarted_soon_and_each_time_said() {
         let second: Vec<f64> = (0..30).map(|n| f64::from(n) / 30.0).collect();
-        let told = restarts(70, &second, false);
-        assert!(told.len() >= 9 && told.iter().all(|(_, new)| *new), "{told:?}");
+        let reports = restarts(70, &second, false);
+        assert!(reports.len() >= 9 && reports.iter().all(|(_, new)| *new), "{reports:?}");
     }
 
     #[test]

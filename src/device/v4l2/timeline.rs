@@ -3,13 +3,13 @@
 use crate::frame::{FrameFlags, Stamp};
 
 /// A time further than this from now (nanoseconds) is on another clock.
-const FAR_NS: i64 = 10_000_000_000;
+const MAX_OFFSET_NS: i64 = 10_000_000_000;
 
 /// Carries a driver's 32-bit counts on as 64-bit ones, across its wrap and restarts, and puts times of odd clocks on
 /// CLOCK_MONOTONIC.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timeline {
-    /// The driver's last count and ours; `None` before the first frame.
+    /// The driver's last count and count; `None` before the first frame.
     last: Option<(u32, u64)>,
     /// The stream was restarted: the driver counts from 0 again.
     restarted: bool,
@@ -34,7 +34,7 @@ impl Timeline {
     fn time(&mut self, (seconds, micros): (i64, i64), now_ns: i64) -> i64 {
         let time = seconds.checked_mul(1_000_000_000).and_then(|ns| ns.checked_add(micros.checked_mul(1000)?));
         match time {
-            Some(time) if time > 0 && now_ns.abs_diff(time) < FAR_NS.unsigned_abs() => time,
+            Some(time) if time > 0 && now_ns.abs_diff(time) < MAX_OFFSET_NS.unsigned_abs() => time,
             _ => {
                 // No offset is learnt: an odd clock may also jump or wrap. The cost is the jitter of our own waking up, which
                 // `stage::timing` takes out.
@@ -45,22 +45,22 @@ impl Timeline {
     }
 
     fn count(&mut self, sequence: u32) -> u64 {
-        let ours = match self.last {
+        let count = match self.last {
             None => u64::from(sequence),
-            Some((_, ours)) if self.restarted => ours + 1,
-            Some((last, ours)) => match sequence.wrapping_sub(last) {
+            Some((_, count)) if self.restarted => count + 1,
+            Some((last, count)) => match sequence.wrapping_sub(last) {
                 // Drivers that always say 0, and those that start anew unasked: each frame is still the next.
-                0 => ours + 1,
-                back if back > u32::MAX / 2 => ours + 1,
+                0 => count + 1,
+                back if back > u32::MAX / 2 => count + 1,
                 step => {
                     self.missing += u64::from(step) - 1;
-                    ours + u64::from(step)
+                    count + u64::from(step)
                 }
             },
         };
         self.restarted = false;
-        self.last = Some((sequence, ours));
-        ours
+        self.last = Some((sequence, count));
+        count
     }
 }
 
@@ -76,9 +76,9 @@ mod tests {
 
     #[test]
     fn counts_go_on_over_the_wrap() {
-        let (ours, missing) = counts(&[u32::MAX - 1, u32::MAX, 0, 1, 4]);
+        let (count, missing) = counts(&[u32::MAX - 1, u32::MAX, 0, 1, 4]);
         let first = u64::from(u32::MAX) - 1;
-        assert_eq!(ours, [first, first + 1, first + 2, first + 3, first + 6]);
+        assert_eq!(count, [first, first + 1, first + 2, first + 3, first + 6]);
         assert_eq!(missing, 2);
     }
 

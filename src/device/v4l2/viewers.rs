@@ -70,15 +70,15 @@ impl Viewers {
         matches!(self.way, Way::Told(_))
     }
 
-    /// Waits until somebody begins or ceases to watch, `notifier` is notified or `patience` runs out; says how many watch. Where the module
+    /// Waits until somebody begins or ceases to watch, `notifier` is notified or `timeout` runs out; says how many watch. Where the module
     /// tells: streaming readers. Where it is counted: openings of loopback devices beside this process's own, more than watch.
     ///
     /// # Errors
     /// Where the device is gone.
-    pub fn wait(&mut self, notifier: &Notifier, patience: Option<Duration>) -> Result<u32, DeviceError> {
+    pub fn wait(&mut self, notifier: &Notifier, timeout: Option<Duration>) -> Result<u32, DeviceError> {
         let before = Instant::now();
         loop {
-            let left = patience.map(|patience| patience.saturating_sub(before.elapsed()));
+            let left = timeout.map(|timeout| timeout.saturating_sub(before.elapsed()));
             let (was, notified) = (self.count, self.listen(notifier, left)?);
             if notified || self.count != was || left.is_some_and(|left| left.is_zero()) {
                 return Ok(self.count);
@@ -93,7 +93,7 @@ impl Viewers {
             Way::Counted { since: Some(since), .. } => Some(SETTLED.saturating_sub(since.elapsed())),
             Way::Counted { since: None, .. } => (self.count > 0).then_some(LOOK_AGAIN),
         };
-        let patience = match (left, own) {
+        let timeout = match (left, own) {
             (Some(left), Some(own)) => Some(left.min(own)),
             (left, own) => left.or(own),
         };
@@ -103,7 +103,7 @@ impl Viewers {
         };
         let mut fds = [PollFd::from_borrowed_fd(fd, flags), PollFd::from_borrowed_fd(notifier.fd(), PollFlags::IN)];
         // An interrupting signal is like a timeout: look, and wait again.
-        let _ = poll(&mut fds, patience.and_then(|patience| Timespec::try_from(patience).ok()).as_ref());
+        let _ = poll(&mut fds, timeout.and_then(|timeout| Timespec::try_from(timeout).ok()).as_ref());
         let (heard, notified) = (fds[0].revents(), !fds[1].revents().is_empty());
         if notified {
             notifier.clear();

@@ -13,7 +13,7 @@ mod rgb;
 mod tests;
 
 pub(crate) use chroma::{interleaved, thin, to_420, widen};
-pub use pack::pack;
+pub use pack::{PackError, pack};
 pub use packed::{LumaFirst, packed_422};
 pub(crate) use range::{to_full, to_limited, to_limited_in_place};
 pub use rgb::{RgbOrder, rgb};

@@ -19,7 +19,7 @@ fn sums_stay_in_their_slices() {
     let mut scale = Fenced::<f64>::new(MAX);
     let (mut weights, mut rates) = (Fenced::<[f64; POINTS]>::new(MAX), Fenced::<[f64; CURVE]>::new(MAX));
     let (mut paired, mut single) = (Fenced::<[f64; WIDE]>::new(MAX), Fenced::<[f64; BROAD]>::new(MAX));
-    let mut said = Fenced::<[f64; WIDE]>::new(MAX);
+    let mut predicted = Fenced::<[f64; WIDE]>::new(MAX);
     for (count, edge) in (0..=MAX).flat_map(|count| [(count, Edge::End), (count, Edge::Start)]) {
         let weights = &*weights.filled(edge, count, |_| std::array::from_fn(|_| number(&mut random)));
         let rates = &*rates.filled(edge, count, |_| std::array::from_fn(|_| number(&mut random)));
@@ -34,9 +34,9 @@ fn sums_stay_in_their_slices() {
         for level in Level::all() {
             let mut sums = Sums::default();
             add(level, measurements, &mut sums);
-            let said = said.filled(edge, count, |_| [9.0; WIDE]);
-            evaluate(level, &points, weights, rates, said);
-            let found = [sums.paired.as_flattened(), sums.single.as_flattened(), said.as_flattened()].map(bits).concat();
+            let predicted = predicted.filled(edge, count, |_| [9.0; WIDE]);
+            evaluate(level, &points, weights, rates, predicted);
+            let found = [sums.paired.as_flattened(), sums.single.as_flattened(), predicted.as_flattened()].map(bits).concat();
             assert_eq!(&found, first.get_or_insert_with(|| found.clone()), "{count}");
         }
     }

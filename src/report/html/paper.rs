@@ -108,7 +108,7 @@ impl Paper {
     fn rows(&self) -> Vec<Row> {
         let none = Markup::default;
         let h = |motion: usize, entry: usize| {
-            let (low, high) = extremes(judged(&self.undistorted[motion][0].frames).map(|frame| frame.homography[entry]));
+            let (low, high) = extremes(measured(&self.undistorted[motion][0].frames).map(|frame| frame.homography[entry]));
             [html! { (format!("{low:.3} to {high:.3}")) }, none(), none(), none()]
         };
         let shapes = |motion: usize, of: Of| {
@@ -192,9 +192,9 @@ impl Paper {
             let line = |label: &str, class, watch: &PatternWatch, side: usize| Series {
                 label: label.into(),
                 class,
-                values: judged(&watch.frames).map(|frame| frame.shapes[side].as_ref().map_or(f64::NAN, of)).collect(),
+                values: measured(&watch.frames).map(|frame| frame.shapes[side].as_ref().map_or(f64::NAN, of)).collect(),
             };
-            let times: Vec<f64> = judged(&cho.frames).map(|frame| frame.time_s).collect();
+            let times: Vec<f64> = measured(&cho.frames).map(|frame| frame.time_s).collect();
             let series = vec![
                 line("camera", "before dashed", cho, 0),
                 line("continuous", "third", continuous, 1),
@@ -213,7 +213,7 @@ impl Paper {
 
     /// The values that the cameras' frames have, of both motions.
     fn range(&self, of: Of) -> (f64, f64) {
-        let frames = self.undistorted.iter().flat_map(|runs| judged(&runs[0].frames));
+        let frames = self.undistorted.iter().flat_map(|runs| measured(&runs[0].frames));
         extremes(frames.filter_map(|frame| frame.shapes[0].as_ref().map(of)))
     }
 
@@ -300,7 +300,7 @@ fn undistorted(name: &str, motion: Zoom) -> Markup {
 }
 
 /// The frames that are judged.
-fn judged(frames: &[PatternFrame]) -> impl Iterator<Item = &PatternFrame> {
+fn measured(frames: &[PatternFrame]) -> impl Iterator<Item = &PatternFrame> {
     frames.iter().skip(SKIPPED)
 }
 
@@ -318,7 +318,7 @@ fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
 
 /// How far slants are from upright, or how much heights vary, in words for a cell of the table.
 fn deviation(frames: &[PatternFrame], side: usize, of: Of) -> Markup {
-    let shapes: Vec<Shape> = judged(frames).filter_map(|frame| frame.shapes[side]).collect();
+    let shapes: Vec<Shape> = measured(frames).filter_map(|frame| frame.shapes[side]).collect();
     let count = shapes.len() as f64;
     if shapes.is_empty() {
         return html! { "-" };

@@ -115,7 +115,7 @@ impl Cho2007 {
             path: parameters(path),
             confidence,
             ends: RowSpan { first: parameters(path), last: parameters(path), ..RowSpan::default() },
-            rows_part: 1.0,
+            agreement: 1.0,
         };
         self.known = [reference, newest];
     }
@@ -162,7 +162,7 @@ fn rest(rows: f64) -> Motion {
         path: still,
         ends: RowSpan { first: still, last: still, ..RowSpan::default() },
         confidence: 1.0,
-        rows_part: 1.0,
+        agreement: 1.0,
     }
 }
 

@@ -149,7 +149,7 @@ pub struct Motion {
     /// How far to believe it, 0 to 1.
     pub confidence: f64,
     /// The part of the rows' motion that is to be undone, 0 to 1.
-    pub rows_part: f64,
+    pub agreement: f64,
 }
 
 /// A rolling-shutter model at work.

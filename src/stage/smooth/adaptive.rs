@@ -72,11 +72,11 @@ impl Controller {
         place
     }
 
-    /// The virtual camera had to be set back by `slip`, while the camera is at `camera`; it goes on at the speed that this gave it.
-    pub fn was_set_back(&mut self, slip: f64, camera: f64) {
-        self.motion.place += slip;
-        if slip != 0.0 {
-            self.motion.speed = limited_speed(self.motion.speed + slip / self.motion.ticks, camera - self.motion.place);
+    /// The virtual camera had to be set back by `shift`, while the camera is at `camera`; it goes on at the speed that this gave it.
+    pub fn was_set_back(&mut self, shift: f64, camera: f64) {
+        self.motion.place += shift;
+        if shift != 0.0 {
+            self.motion.speed = limited_speed(self.motion.speed + shift / self.motion.ticks, camera - self.motion.place);
         }
     }
 

@@ -32,7 +32,7 @@ const ROUNDS: usize = 4;
 /// A step that changes nothing more, units.
 const SETTLED: f64 = 1e-3;
 /// Weight of an excess that is left out.
-const LEAST_WEIGHT: f64 = 1e-3;
+const MIN_WEIGHT: f64 = 1e-3;
 
 /// Places at each tick.
 type Places = [[f64; C]; AHEAD];
@@ -212,7 +212,7 @@ impl Equations {
             let left_s = i as f64 * tick_s - known_s;
             let known = left_s <= 0.0;
             let weight = if known { tuning.rho_known } else { tuning.rho * (-left_s / tuning.option_s).exp() };
-            if weight < LEAST_WEIGHT {
+            if weight < MIN_WEIGHT {
                 break;
             }
             let part = |c: usize| at.limit[c] / window.unit[c];

@@ -289,11 +289,11 @@ impl Channel {
         self.filter = iir::LowPass { input: camera, output: camera, speed: 0.0 };
     }
 
-    /// The place is held back by `slip`.
-    fn set_back(&mut self, slip: f64) {
-        self.place += slip;
+    /// The place is moved back by `shift`.
+    fn set_back(&mut self, shift: f64) {
+        self.place += shift;
         if self.driven {
-            self.drive.was_set_back(slip, self.camera);
+            self.drive.was_set_back(shift, self.camera);
         }
     }
 

@@ -79,8 +79,8 @@ impl Desk {
         known
     }
 
-    fn next(&self, known: &Known, setting: &str, patient: bool) -> Next {
-        known.next(setting, &There::look(setting, &self.roots), patient)
+    fn next(&self, known: &Known, setting: &str, waits: bool) -> Next {
+        known.next(setting, &There::look(setting, &self.roots), waits)
     }
 
     /// The node that would be opened; "search" or "wait" where none is known.

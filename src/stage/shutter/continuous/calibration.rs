@@ -38,7 +38,7 @@ const SEARCH_SIGMAS: f64 = 2.0;
 const SEARCH_FLOOR: f64 = 0.03;
 const SEARCH_SHARE: f64 = 0.1;
 /// Change of the turn from pair to pair that the search asks for, pixels: several times the noise of a turn that 300 tracks measure.
-const SEARCH_LEAST_PX: f64 = 0.7;
+const SEARCH_MIN_PX: f64 = 0.7;
 /// Uncertainty from which the search sees little (frame intervals), and the factor on it then.
 const SEARCH_BLIND: f64 = 0.4;
 const SEARCH_DOUBT: f64 = 1.5;
@@ -58,7 +58,7 @@ const FOCAL_STEP: f64 = 0.05;
 /// picture at once.
 const GLIDE: f64 = 0.05;
 /// How far off what the search says the readout time must be for it to restart (frame intervals): one standard deviation of the prior.
-const FAR: f64 = 0.25;
+const RESTART_DISTANCE: f64 = 0.25;
 /// Seconds of the path whose mean stays where it is when the calibration changes.
 const ANCHOR_S: f64 = 1.0;
 /// Fields of view that a camera may have (degrees): an estimate stays between.
@@ -188,7 +188,7 @@ impl Calibrator {
     /// says nothing of the readout time.
     pub fn search(&mut self, turn: [f64; 2], slope: [f64; 2], times: &Times) {
         match times.error {
-            Some(_) => self.search.add(turn, slope, times.interval_s, SEARCH_LEAST_PX / self.camera.focal),
+            Some(_) => self.search.add(turn, slope, times.interval_s, SEARCH_MIN_PX / self.camera.focal),
             None => self.search.interrupt(),
         }
     }
@@ -287,7 +287,9 @@ impl Calibrator {
         let wanted = self.evidence.add(&marginal);
         let readout_s = self.readout_s();
         let [least_s, most_s] = self.range_s(interval_s);
-        if self.unknown[0] && (readout_s < least_s - FAR * interval_s || readout_s > most_s + FAR * interval_s) {
+        if self.unknown[0]
+            && (readout_s < least_s - RESTART_DISTANCE * interval_s || readout_s > most_s + RESTART_DISTANCE * interval_s)
+        {
             return self.restart(0.5 * (least_s + most_s), interval_s, filter);
         }
         let shift = self.limited(wanted, [least_s, most_s], interval_s);

@@ -274,7 +274,7 @@ impl Continuous {
             path: PathParameters(path.0),
             ends,
             confidence,
-            rows_part: self.agreement.part(),
+            agreement: self.agreement.part(),
         }
     }
 
@@ -289,7 +289,7 @@ impl Continuous {
 /// The motion of a camera at rest, of which nothing was measured.
 fn at_rest(rows: RowMotion) -> Motion {
     let (motion, path) = (PathParameters::default(), PathParameters::default());
-    Motion { rows, motion, path, ends: RowSpan::default(), confidence: 1.0, rows_part: 1.0 }
+    Motion { rows, motion, path, ends: RowSpan::default(), confidence: 1.0, agreement: 1.0 }
 }
 
 /// Geman and McClure's weight of a squared residual: 1 at 0, a quarter at the scale, then falling fast.

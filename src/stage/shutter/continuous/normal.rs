@@ -91,7 +91,7 @@ impl Normal {
         self.corner_right = other.corner_right;
     }
 
-    /// Forgets whatever was said of unknowns `from` .. `to`.
+    /// Forgets whatever was solved of unknowns `from` .. `to`.
     pub fn clear(&mut self, from: usize, to: usize) {
         for i in from..to {
             self.matrix[i * N..(i + 1) * N].fill(0.0);
@@ -146,11 +146,11 @@ impl Normal {
     /// Takes from `rest` (two ranges of unknowns) and the parameters what eliminating unknown `k` takes.
     fn subtract(&mut self, column: &[f64; N], k: usize, pivot: f64, rest: [[usize; 2]; 2]) {
         // what stands in between is eliminated already, or is unknown k itself: whatever is done to it does no harm
-        let said = self.right[k] / pivot;
+        let solved = self.right[k] / pivot;
         for [from, to] in rest {
             dense::subtract(self.level, &mut self.matrix, column, pivot, [from, to], N);
             for (right, column) in self.right[from..to].iter_mut().zip(&column[from..to]) {
-                *right -= column * said;
+                *right -= column * solved;
             }
         }
         for g in 0..G {
@@ -170,7 +170,7 @@ impl Normal {
         }
     }
 
-    /// Adds `offset` to the value of every unknown from `from` to `n`, in the four channels that take turns: what is said of them stays as it
+    /// Adds `offset` to the value of every unknown from `from` to `n`, in the four channels that take turns: what is solved of them stays as it
     /// is, of unknowns that are as much further on.
     pub fn offset(&mut self, from: usize, n: usize, offset: &[f64; 4]) {
         for i in 0..n {

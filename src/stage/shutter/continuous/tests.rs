@@ -333,7 +333,7 @@ fn a_new_belief_in_the_readout_time_does_not_move_the_picture_at_once() {
         model.observe(Pair { tracks: &mut tracks, fit: &fit, interval_s: INTERVAL_S, off_s: 0.0, is_certain: true });
         believed.push(model.calibration().unwrap().readout_s.value / INTERVAL_S);
         drawn.push(model.calibrator.drawn_s / INTERVAL_S);
-        parts.push(model.newest().rows_part);
+        parts.push(model.newest().agreement);
     }
     let step = |values: &[f64]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
     println!("believed by {:.3}, drawn by {:.3}, parts by {:.3} at a time", step(&believed), step(&drawn), step(&parts));
