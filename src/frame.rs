@@ -1,4 +1,4 @@
-//! The suitcase that travels: a picture, when it was taken, and what each stage found out about it, in journey order.
+//! A frame on its way through the stages: the picture, when it was taken, and the results of each stage.
 
 use std::ops::Index;
 
@@ -80,7 +80,7 @@ pub enum Outcome {
     /// Nothing yet.
     #[default]
     Pending,
-    /// Shake and rolling shutter were taken out, as far as the motion could be trusted.
+    /// Shake and rolling shutter were removed, as far as the motion is known.
     Stabilized,
     /// The picture before was shown again.
     Held(HoldReason),
@@ -120,10 +120,11 @@ pub enum HoldReason {
     Damaged,
 }
 
-/// Why a frame was not corrected.
+/// Why a frame was not stabilized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PassReason {
-    /// The stream begins, or begins anew after its size changed: there is nothing to compare with.
+    /// The stream begins, or its size changed: there is no frame to compare with. Nothing is corrected but, with a model that learns a frame's
+    /// motion from the frame after it (cho2007 with "time-t"), rolling shutter.
     First,
     /// Too few points could be followed, for too long.
     LostTrack,
@@ -201,7 +202,7 @@ impl Index<usize> for PathParameters {
     }
 }
 
-/// What the stages found out about a frame, in journey order.
+/// The results of the stages for a frame, in their order.
 #[derive(Clone, Debug, Default)]
 pub struct FrameContext {
     /// Frame's time after the frame before it by the camera's own clock, seconds (at most 1); 0 for a stream's first.
@@ -244,7 +245,7 @@ pub struct FrameContext {
 }
 
 impl FrameContext {
-    /// Forgets what was found out, keeps the memory and the time that unpacking took.
+    /// Forgets the results, keeps the memory and the time that unpacking took.
     pub fn reset(&mut self) {
         let mut tracks = std::mem::take(&mut self.tracks);
         tracks.clear();
@@ -269,6 +270,6 @@ pub struct Frame {
     pub cut: bool,
     /// Luma at lower resolutions.
     pub pyramid: Pyramid,
-    /// What the stages found out.
+    /// The results of the stages.
     pub context: FrameContext,
 }

@@ -105,13 +105,13 @@ enum Progress {
 /// Frames that are under way at a time without look-ahead, at most.
 const FRAMES: usize = 10;
 /// For this long after the last usable frame its picture is shown in place of unusable ones (nanoseconds); then the sink's own, if it
-/// has one. Most faults are over before, and a picture that stands still for longer passes for one that is live.
+/// has one. Most faults are over before, and a frozen picture that is shown for longer looks as if it were live.
 const LONGEST_HELD_NS: i64 = 2_000_000_000;
 /// Frames that may wait for their motion, or behind one that does; with more of them, what is known is enough. With look-ahead, more by
 /// what it holds.
 const MAX_WAITING: usize = 3;
 /// Frames that look-ahead may hold: half a second, the longest that can be set, at 480 a second. The header of a recording may claim any rate,
-/// and memory is taken for as many.
+/// and memory is allocated for as many.
 const MAX_AHEAD: usize = 240;
 
 /// The name of the instruction set that pixel loops use here: `scalar`, `avx2` or `neon`.
@@ -194,7 +194,7 @@ impl Stabilizer {
         frame
     }
 
-    /// Takes a frame in and finds out how the camera moved.
+    /// Takes a frame and estimates how the camera moved.
     pub fn take_in(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
         let waiting = self.slots.iter().position(|slot| slot.progress == Progress::Waiting);

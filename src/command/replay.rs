@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         && outputs.iter().any(|path| is_unturned(path))
     {
         warn(&format!(
-            "{}: it is to be shown turned, which y4m and .gbr cannot say; name the output as a video file to have it upright",
+            "{}: the video is marked as rotated, which y4m and .gbr cannot store; write to a video file to keep it upright",
             origin.path.display()
         ));
     }

@@ -396,7 +396,7 @@ impl Camera {
         }
     }
 
-    /// Sees to it that the daemon has memory to draw into.
+    /// Makes sure that the daemon has memory to draw into.
     fn feed(&mut self) {
         if !self.watched {
             return;

@@ -19,7 +19,7 @@ pub struct Key {
     pub kind: Kind,
 }
 
-/// What a key accepts, with the doors to its field.
+/// What a key accepts, and the functions that read and write its field.
 #[derive(Clone, Copy, Debug)]
 #[expect(missing_docs, reason = "get and set read and write the key's field; the variants say the rest")]
 pub enum Kind {
@@ -211,7 +211,7 @@ impl Key {
     }
 }
 
-/// The word for a value that gimbald finds out by itself.
+/// The word for a value that gimbald estimates.
 const AUTO: &str = "auto";
 
 /// `text` as a basic TOML string.

@@ -15,7 +15,7 @@ macro_rules! number {
     };
 }
 
-/// A constant of the camera, or "auto" where it is to be found out: `known!(path.to.field, least to most)`.
+/// A constant of the camera, or "auto" where it is to be estimated: `known!(path.to.field, least to most)`.
 macro_rules! known {
     ($($field:ident).+, $low:literal to $high:literal) => {
         Kind::NumberOrAuto {

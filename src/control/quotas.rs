@@ -155,7 +155,7 @@ impl Quotas {
         (0..sessions.len()).filter(|&index| from(&sessions[index])).min_by_key(|&index| rank(&sessions[index]))
     }
 
-    /// Forgets those who are as good as new.
+    /// Forgets those whose quotas are full again.
     fn tidy(&mut self, now: Instant) {
         if now.saturating_duration_since(self.tidied) >= Duration::from_secs(1) {
             self.tidied = now;

@@ -31,7 +31,7 @@ struct Readings {
     asked: u64,
     /// The ticket of the newest reading that has begun.
     begun: u64,
-    /// Whether there is a thread that sees to it.
+    /// Whether a thread is reading it.
     busy: bool,
     /// Whether one of those who wait for the next reading has nothing but the log to learn from that nothing changed.
     aloud: bool,

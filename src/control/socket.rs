@@ -243,7 +243,7 @@ impl<'a> Prepared<'a> {
                 let replaced = self.private.look(OsStr::new(PREPARED))?;
                 if let Some(what) = replaced.and_then(|found| foreign(&found, FileType::Socket)) {
                     exchange(RenameFlags::EXCHANGE)?;
-                    return Err(io::Error::other(format!("{what} came in its place")));
+                    return Err(io::Error::other(format!("{what} took its place")));
                 }
             }
             // A file system that does not know these flags, and a name that was looked at before.

@@ -23,7 +23,7 @@ pub struct Status {
     pub since_s: f64,
     /// For how long it runs.
     pub uptime_s: f64,
-    /// Whether shake is taken out.
+    /// Whether stabilization is enabled.
     pub enabled: bool,
     /// The camera that is open.
     pub camera: Option<CameraInfo>,

@@ -15,7 +15,7 @@ const MAX_ABSENCE: Duration = Duration::from_secs(10);
 /// How long to sleep where nothing happens.
 const LONG: Duration = Duration::from_secs(3600);
 
-/// What is known of cameras. One thread asks where ours is, another watches who is there beside it.
+/// What is known of cameras. One thread asks where the camera is, another watches which others are connected.
 #[derive(Debug, Default)]
 pub(super) struct Cameras {
     roots: Roots,
@@ -25,7 +25,7 @@ pub(super) struct Cameras {
 #[derive(Debug, Default)]
 struct Seen {
     known: Option<Known>,
-    /// Since when ours is known to be away.
+    /// Since when the camera is known to be unplugged.
     away: Option<Instant>,
 }
 
@@ -65,20 +65,20 @@ impl Cameras {
         let Seen { known, away } = &mut *self.state();
         *away = None;
         // Where sysfs does not tell, the settings' name is all there is.
-        let Some(ours) = self.roots.at(path) else {
+        let Some(opened) = self.roots.at(path) else {
             *known = None;
             return;
         };
         match known {
             Some(known) => {
-                if known.is_another(&ours.device) {
-                    let named = |device: &Device| format!("{} in socket {}", device.described(), device.socket());
-                    let (before, now) = (named(known.camera()), named(&ours.device));
-                    tracing::warn!(camera = %path.display(), "another camera than before: {now}; {before} did not come back");
+                if known.is_another(&opened.device) {
+                    let named = |device: &Device| format!("{} in USB port {}", device.described(), device.socket());
+                    let (before, now) = (named(known.camera()), named(&opened.device));
+                    tracing::warn!(camera = %path.display(), "using another camera: {now}; {before} did not come back");
                 }
-                known.opened(ours);
+                known.opened(opened);
             }
-            None => *known = Some(Known::new(ours)),
+            None => *known = Some(Known::new(opened)),
         }
         self.look_around(known.as_mut());
     }
@@ -89,7 +89,7 @@ impl Cameras {
         }
     }
 
-    /// Watches which cameras come while ours is there, until `notifier` is notified.
+    /// Watches which cameras are connected while the camera in use is, until `notifier` is notified.
     pub(super) fn watch(&self, hotplug: &Hotplug, notifier: &Notifier) {
         loop {
             match hotplug.wait(notifier, LONG) {

@@ -75,7 +75,7 @@ impl Demand {
         (self.watched && now_ns >= self.from_ns) || now_ns < self.until_ns
     }
 
-    /// How long from `now_ns` on the answer stands if no viewer comes or goes; `None`: for ever.
+    /// How long from `now_ns` on the answer stays the same if no viewer comes or goes; `None`: without limit.
     pub(super) fn stays_for(&self, now_ns: i64) -> Option<Duration> {
         let until_ns = if self.watched { self.from_ns } else { self.until_ns };
         let left_ns = until_ns.checked_sub(now_ns).filter(|left_ns| *left_ns > 0)?;

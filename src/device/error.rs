@@ -35,7 +35,7 @@ pub enum DeviceError {
         /// What was asked, what the device offers, and what to do.
         what: String,
     },
-    /// Somebody else uses the device.
+    /// Another program uses the device.
     #[error("{}: in use by another program; close that program, or choose another device", path.display())]
     Busy {
         /// The device.

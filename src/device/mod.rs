@@ -1,7 +1,7 @@
 //! The world: where frames come from and where they go. Real cameras and their fakes are siblings behind two traits.
 //!
 //! A source *lends* frames: the bytes belong to the driver's buffer or the file's page and come home when the borrow ends, so
-//! nobody can read memory that is being written anew. A sink lends its canvas, so the warp can write straight into it.
+//! memory that is being written again cannot be read. A sink lends its canvas, so the warp can write straight into it.
 
 pub mod digest;
 mod error;
@@ -115,7 +115,7 @@ pub struct RawFrame<'a> {
 pub enum Lent<'a> {
     /// A frame.
     Frame(RawFrame<'a>),
-    /// None came within the source's patience, or somebody woke it: look around and ask again.
+    /// None came within the source's time limit, or a notification came: check for changes and ask again.
     Idle,
     /// There will be no more.
     End,
@@ -172,7 +172,7 @@ pub trait FrameSink: Send {
         Ok(false)
     }
 
-    /// Called from time to time while there is nothing to send: for sinks whose readers give up a picture that stands still.
+    /// Called from time to time while there is nothing to send: for sinks whose readers give up on a picture that does not change.
     ///
     /// # Errors
     /// As [`FrameSink::submit`].

@@ -1,4 +1,4 @@
-//! The door to a pipeline that runs: settings go in, counts come out, and neither side waits for the other.
+//! The interface to a running pipeline: settings in, counts out; neither side waits for the other.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError, TryLockError};

@@ -25,7 +25,7 @@ impl Camera {
 /// Settings of every stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {
-    /// Whether shake is taken out; false leaves nothing but the crop.
+    /// Whether the picture is stabilized; if false, it is only cropped.
     pub enabled: bool,
     /// The camera.
     pub camera: Camera,

@@ -95,7 +95,7 @@ fn run(
         let capture = capture.map_err(|error| DeviceError::io("capture thread", "start", error))?;
         let mut totals = Totals::default();
         let sent = carry(&mailbox, &free, pace, (&mut stabilizer, live), sink, observer, &mut totals);
-        // where nothing can be sent any more, a source that gives nothing must not be asked for ever
+        // where nothing can be sent any more, a source that gives nothing must not be asked forever
         over.set();
         drop((mailbox, free));
         let (captured, ended) = capture.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));

@@ -120,7 +120,7 @@ impl Library {
         if found == 0 || info.dli_fname.is_null() {
             return PathBuf::from("/usr/lib");
         }
-        // SAFETY: dladdr succeeded: the name ends in a zero and lasts as long as the library is loaded, which is for ever.
+        // SAFETY: dladdr succeeded: the name ends in a zero and lasts as long as the library is loaded, which is until the process ends.
         let name = unsafe { CStr::from_ptr(info.dli_fname) };
         Path::new(&*name.to_string_lossy()).parent().unwrap_or(Path::new("/usr/lib")).to_path_buf()
     }

@@ -54,10 +54,10 @@ impl NodeParams {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NodeError {
     /// No PipeWire daemon answers, or it ended the connection.
-    #[error("PipeWire does not answer ({0}); it runs in the user's session: systemctl --user status pipewire")]
+    #[error("PipeWire does not respond ({0}); it runs in the user's session: systemctl --user status pipewire")]
     Unreachable(String),
     /// The size has no place in PipeWire's numbers.
-    #[error("PipeWire takes no pictures of {0}x{1}")]
+    #[error("PipeWire does not accept pictures of {0}x{1}")]
     Size(u32, u32),
     /// The library refused.
     #[error("PipeWire refused to {0}: {1}")]
@@ -268,7 +268,7 @@ impl Node {
     }
 
     /// Declares every buffer that was not taken free of readers: one that was killed, or keeps what it got, leaves its buffers
-    /// counted as in use for ever.
+    /// counted as in use forever.
     pub fn forget_readers(&mut self) {
         let _lock = self.lock();
         for known in &self.shared.reported().slots {
@@ -360,7 +360,7 @@ unsafe fn meta(buffer: NonNull<PwBuffer>, kind: u32, size: usize) -> Option<NonN
 unsafe extern "C" fn state_changed(data: *mut c_void, _: c_int, state: c_int, error: *const c_char) {
     // SAFETY: as said above; the error is null or a text that ends in a zero.
     let (shared, error) = unsafe { (&*data.cast::<Shared>(), error.as_ref().map(|text| CStr::from_ptr(text))) };
-    let why = || error.map_or_else(|| "it ended the connection".into(), |text| text.to_string_lossy().into_owned());
+    let why = || error.map_or_else(|| "it closed the connection".into(), |text| text.to_string_lossy().into_owned());
     let state = match state {
         STATE_ERROR => State::Lost(why()),
         STATE_UNCONNECTED => State::Lost(why()),

@@ -1,4 +1,4 @@
-//! One line of CSV a frame: what each stage found out about it.
+//! One line of CSV per frame: the results of each stage.
 
 use std::io::{self, Write};
 

@@ -149,7 +149,7 @@ impl Connection {
             Some(message) => Ok(Some((message, fds))),
             None => {
                 fds.into_iter().for_each(|fd| closing.close(fd));
-                Err("it sent what is no message, or too many".into())
+                Err("it sent an invalid message, or too many".into())
             }
         }
     }
@@ -205,7 +205,7 @@ impl Connection {
 
     /// It lends memory for one picture of its size.
     fn lend(&mut self, id: u64, fd: &OwnedFd) -> Result<(), String> {
-        let (width, height) = self.size.ok_or("it lent memory before it said for which size")?;
+        let (width, height) = self.size.ok_or("it lent memory before it announced a size")?;
         let bytes = match self.kind {
             Kind::Output => super::wire::bytes(width, height),
             Kind::Both => super::pair::bytes(width, height),

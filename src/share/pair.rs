@@ -36,7 +36,7 @@ impl Pair {
     /// # Errors
     /// Where there can be no such pictures, or the system gives no memory.
     pub fn new(width: u32, height: u32) -> io::Result<(Self, OwnedFd)> {
-        let impossible = || io::Error::new(io::ErrorKind::InvalidInput, format!("no picture is {width}x{height}"));
+        let impossible = || io::Error::new(io::ErrorKind::InvalidInput, format!("invalid picture size {width}x{height}"));
         let (all, picture) = bytes(width, height).zip(super::wire::bytes(width, height)).ok_or_else(impossible)?;
         let fd = memfd_create(c"gimbald-view", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
         ftruncate(&fd, all as u64)?;

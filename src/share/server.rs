@@ -36,7 +36,7 @@ const LOOK_FOR_CAMERA: Duration = Duration::from_secs(1);
 /// Descriptors that wait to be closed, at most.
 const MAX_CLOSING: usize = 64;
 
-/// Who watches which pictures through companions: the daemon's door to them. Clones are the same.
+/// Who watches which pictures through companions: the daemon's handle to them. Clones are the same.
 #[derive(Clone, Debug)]
 pub struct Companions(Arc<Known>);
 
@@ -196,7 +196,7 @@ impl Server {
         let path = directory.join(NAME);
         let told = |what: &'static str| {
             let path = path.display().to_string();
-            move |error: io::Error| format!("{path}: cannot {what}: {error}; output.pipewire = false does without")
+            move |error: io::Error| format!("{path}: cannot {what}: {error}; output.pipewire = false disables this")
         };
         fs::create_dir_all(directory).map_err(told("make its directory"))?;
         // Made under a name of its own, then renamed: what was left there is replaced, and no companion finds a socket that refuses.
@@ -229,7 +229,7 @@ impl Server {
     /// Serves companions until `done` is notified. `locate` says where the camera is that would be opened, where none was open yet.
     pub fn serve(&self, done: &Notifier, locate: &dyn Fn() -> Option<PathBuf>) {
         let Some(closing) = Closing::start() else {
-            tracing::warn!("no pictures for PipeWire: there is no thread left");
+            tracing::warn!("no pictures for PipeWire: cannot start a thread");
             return;
         };
         let mut round = Round {
@@ -294,7 +294,7 @@ impl Round<'_> {
         if ready.listener {
             self.accept();
         }
-        // The frame path lets go of those who went with its next frame.
+        // The frame path releases those that disconnected with its next frame.
         let (free, still): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.left).into_iter().partition(|lease| Arc::strong_count(lease) == 1);
         self.left = still;
@@ -379,10 +379,10 @@ impl Round<'_> {
         self.server.companions.0.leases.change(|all| all.retain(|lease| !Arc::ptr_eq(lease, &connection.lease)));
         let (sent, dropped) = (connection.lease.sent.load(Ordering::Relaxed), connection.lease.dropped.load(Ordering::Relaxed));
         if connection.is_proven() {
-            tracing::info!(sent, dropped, "a PipeWire companion has gone: {why}");
+            tracing::info!(sent, dropped, "a PipeWire companion disconnected: {why}");
         } else {
             // Every user can connect and disconnect: that must not fill the log.
-            tracing::debug!("a PipeWire companion has gone: {why}");
+            tracing::debug!("a PipeWire companion disconnected: {why}");
         }
         self.left.push(connection.leave());
     }

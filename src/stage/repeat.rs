@@ -4,7 +4,7 @@ use crate::frame::Track;
 
 /// Tracks below which nothing is judged.
 const MIN_TRACKS: usize = 12;
-/// A track that moved by less (pixels) stands still: codecs move a repeated picture by less, and motion that the eye sees is more.
+/// A track that moved by less (pixels) is at rest: codecs move a repeated picture by less, and motion that the eye sees is more.
 const STILL_PX: f64 = 0.06;
 /// Part of the tracks that may move in a repeated frame.
 const MAX_MOVING: f64 = 0.1;

@@ -30,7 +30,7 @@ const EVEN: f64 = 0.02;
 const FASTEST: f64 = 0.4;
 /// Impossibly short intervals in a row, with nothing to make up for, after which the camera is that fast: no driver queues as many frames.
 const MAX_QUEUED: u32 = 40;
-/// Delays up to this many times the largest one lately made up for are taken for delays.
+/// Delays up to this many times the largest one recently made up for count as delays.
 const LATER: f64 = 1.5;
 /// Part of the largest delay made up for that is forgotten with each frame.
 const FORGET: f64 = 1.0 / 300.0;
@@ -80,7 +80,7 @@ pub struct Timing {
     line: Line,
 }
 
-/// What an interval is taken for.
+/// The classification of an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     /// On the rhythm.
@@ -96,7 +96,7 @@ enum Verdict {
 }
 
 impl Timing {
-    /// For a source whose frames are said to come every `nominal_s` seconds (taken for 0.0001 to 10).
+    /// For a source whose frames are said to come every `nominal_s` seconds (clamped to 0.0001 to 10).
     pub fn new(nominal_s: f64) -> Self {
         let nominal_ns = 1e9 * nominal_s.clamp(1e-4, 10.0);
         Self {

@@ -15,7 +15,7 @@ use crate::kernel::{Level, lk};
 pub struct Params {
     /// Side of the square patch that is compared (pixels; 8, 16 or 24).
     pub window: u32,
-    /// Largest distance between a point and where it lands when followed forth and back (pixels, 0.05 to 5).
+    /// Largest distance between a point and where it lands when followed forward and back (pixels, 0.05 to 5).
     pub max_round_trip_px: f64,
 }
 
@@ -86,7 +86,7 @@ struct Way {
 /// Features for which there is room from the start.
 const MAX_FEATURES: usize = 4096;
 
-/// A point followed forth and back.
+/// A point followed forward and back.
 #[derive(Debug)]
 struct Found {
     /// Mean shift of both ways.
@@ -290,8 +290,8 @@ impl<'a> Pyramids<'a> {
     }
 }
 
-/// Follows the point `at` forth and back between two pictures (the older first), from level `from` down. The way back begins at the
-/// opposite of `guess`, not where the way forth ended, or it would not prove that they end at the same place; that of a point that is
+/// Follows the point `at` forward and back between two pictures (the older first), from level `from` down. The way back begins at the
+/// opposite of `guess`, not where the way forward ended, or it would not prove that they end at the same place; that of a point that is
 /// `trusted` begins there, one step or two from its end, and takes the bias out of the mean.
 fn follow_one<const N: usize>(
     level: Level,

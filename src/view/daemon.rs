@@ -307,7 +307,10 @@ impl PictureStream {
                 Some(camera) => match self.proof {
                     Ok(_) => "waiting for the camera".into(),
                     Err(io::ErrorKind::PermissionDenied) => {
-                        format!("no pictures: you may not open {}; members of the group video may", camera.display())
+                        format!(
+                            "no pictures: permission denied for {}; members of the group video may open it",
+                            camera.display()
+                        )
                     }
                     Err(why) => format!("no pictures: the camera {} cannot be opened: {why}", camera.display()),
                 },

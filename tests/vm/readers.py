@@ -144,7 +144,7 @@ with Reader(out) as reader:
     os.unlink(link)
     os.symlink(spare, link)
     Camera.control("disconnect=1")
-    report.check("one that was there beside it is not taken", until(20, lambda: "start gimbald again to use it" in other.said()))
+    report.check("one that was there beside it is not taken", until(20, lambda: "restart gimbald to use it" in other.said()))
     other.stop()
     before = len(other.said())
     other.start()

@@ -6,7 +6,7 @@ use crate::stage::timing::Timing;
 
 use super::super::record::MAX_SILENCE;
 
-/// Gives the frames of another source, but not too many, and does not wait for ever.
+/// Gives the frames of another source, but not too many, and does not wait forever.
 pub(super) struct Limited {
     source: Box<dyn FrameSource>,
     seconds: f64,

@@ -172,7 +172,7 @@ mod tests {
             }
             let file = StateFile::new(&directory, NAME);
             let before = fs::symlink_metadata(&path).unwrap().file_type();
-            // In a thread of its own: opening a FIFO may wait for ever.
+            // In a thread of its own: opening a FIFO may block forever.
             let (done, finished) = channel();
             thread::spawn(move || done.send((file.read(), append(&file, "x"))));
             let (read, written) = finished.recv_timeout(Duration::from_secs(20)).expect("it waits");

@@ -1,7 +1,7 @@
 //! A camera made of arithmetic: it turns before a painted wall, and exposes its rows one after the other.
 //!
 //! Row `v` of frame `k` is exposed at `t = k / fps + readout * v / height`, for an instant (nothing is blurred), in the pose that
-//! [`Synthetic::pose_at`] tells of `t`. So the truth is known to whoever wants to compare.
+//! [`Synthetic::pose_at`] gives for `t`, so that estimates can be compared with the truth.
 
 mod motion;
 mod optics;

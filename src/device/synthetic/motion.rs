@@ -50,7 +50,7 @@ impl FromStr for Motion {
     fn from_str(name: &str) -> Result<Self, String> {
         Self::ALL.into_iter().find(|motion| motion.name() == name).ok_or_else(|| {
             let names = Self::ALL.map(Self::name).join(", ");
-            format!("there is no motion {name:?}; choose one of {names}")
+            format!("unknown motion {name:?}; choose one of {names}")
         })
     }
 }

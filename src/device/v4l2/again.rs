@@ -11,7 +11,7 @@ use super::sighting::{Device, Roots, Sighting};
 /// The camera that was open last, and the devices that were there together with it: none of those is it.
 #[derive(Clone, Debug)]
 pub struct Known {
-    ours: Sighting,
+    camera: Sighting,
     beside: Vec<Device>,
 }
 
@@ -57,10 +57,11 @@ enum Naming {
 /// Whether a device is the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
-    Ours,
-    /// It was there beside ours, or is now.
+    /// The camera that was opened before.
+    Same,
+    /// It was connected together with the camera, or is now.
     Other,
-    /// It may be ours or one that was beside it: they are alike, and both were unplugged.
+    /// It may be the camera or one that was connected together with it: they are alike, and both were unplugged.
     Unclear,
     /// It was never seen.
     New,
@@ -114,38 +115,38 @@ impl Naming {
 }
 
 impl Known {
-    /// What is known when `ours` is opened for the first time.
-    pub fn new(ours: Sighting) -> Self {
-        Self { ours, beside: Vec::new() }
+    /// What is known when `camera` is opened for the first time.
+    pub fn new(camera: Sighting) -> Self {
+        Self { camera, beside: Vec::new() }
     }
 
     /// The camera, as it was when it was open last.
     pub fn camera(&self) -> &Device {
-        &self.ours.device
+        &self.camera.device
     }
 
     /// Whether `now` is certainly not the camera that was open last: of another model or serial number, in another place where only that
     /// tells, or one that was there beside it.
     pub fn is_another(&self, now: &Device) -> bool {
-        let ours = &self.ours.device;
-        let elsewhere = now.usb.is_none() && now.place != ours.place;
-        now.usb != ours.usb || elsewhere || self.beside.iter().any(|other| other.is_same(now))
+        let camera = &self.camera.device;
+        let elsewhere = now.usb.is_none() && now.place != camera.place;
+        now.usb != camera.usb || elsewhere || self.beside.iter().any(|other| other.is_same(now))
     }
 
     /// The camera was opened again, or another was taken in its place. What was beside it stays known.
-    pub fn opened(&mut self, ours: Sighting) {
-        self.beside.retain(|other| !other.is_same(&ours.device));
-        self.ours = ours;
+    pub fn opened(&mut self, camera: Sighting) {
+        self.beside.retain(|other| !other.is_same(&camera.device));
+        self.camera = camera;
     }
 
     /// Notes what is there together with the camera; nothing, where it is away.
     pub fn look_around(&mut self, nodes: &[Sighting]) {
-        if !nodes.iter().any(|seen| seen.device.is_same(&self.ours.device)) {
+        if !nodes.iter().any(|seen| seen.device.is_same(&self.camera.device)) {
             return;
         }
         for seen in nodes {
             let device = &seen.device;
-            if !device.is_same(&self.ours.device) && !self.beside.iter().any(|other| other.is_same(device)) {
+            if !device.is_same(&self.camera.device) && !self.beside.iter().any(|other| other.is_same(device)) {
                 self.beside.push(device.clone());
             }
         }
@@ -160,10 +161,10 @@ impl Known {
                 if let Some(found) = self.found(there, waits) {
                     return found;
                 }
-                let except = self.not_ours(there);
+                let except = self.other_nodes(there);
                 match (naming, &there.meant) {
                     (Naming::Number, Some(meant)) if except.contains(&meant.node) => Next::Wait(self.why_not(meant, there)),
-                    (Naming::Auto, _) if waits => Next::Wait(format!("{} is not there", self.ours.device.described())),
+                    (Naming::Auto, _) if waits => Next::Wait(format!("{} is not there", self.camera.device.described())),
                     // There is no other to be had by waiting.
                     (Naming::Auto, _) => Next::Search { except: Vec::new() },
                     _ => Next::Search { except },
@@ -180,63 +181,63 @@ impl Known {
                 return Next::Search { except: Vec::new() };
             }
             // Without udev there are no links; the same camera in the same socket is the same camera.
-            let same = there.nodes.iter().find(|seen| seen.is_same(&self.ours) && seen.device.serial().is_some());
+            let same = there.nodes.iter().find(|seen| seen.is_same(&self.camera) && seen.device.serial().is_some());
             return match same {
                 Some(same) => Next::Open(vec![same.clone()]),
                 None => Next::Wait(self.why_nothing(there)),
             };
         };
         let verdict = self.verdict(&meant.device, there);
-        let ours = &self.ours.device;
+        let camera = &self.camera.device;
         // Else udev has not yet taken away a link whose number is another camera's by now.
         let true_link = match naming {
-            Naming::Socket => meant.device.place == ours.place,
-            Naming::Identity => meant.device.usb == ours.usb,
+            Naming::Socket => meant.device.place == camera.place,
+            Naming::Identity => meant.device.usb == camera.usb,
             _ => true,
         };
-        if true_link && matches!(verdict, Verdict::Ours | Verdict::New) {
+        if true_link && matches!(verdict, Verdict::Same | Verdict::New) {
             Next::Open(vec![meant.clone()])
         } else {
             Next::Wait(self.why_not(meant, there))
         }
     }
 
-    /// Ours, where it is there under whatever number.
+    /// The camera, where it is connected under whatever number.
     fn found(&self, there: &There, waits: bool) -> Option<Next> {
-        let is_ours = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Ours;
-        let ours: Vec<_> = there.nodes.iter().filter(is_ours).collect();
-        let same = |seen: &&&Sighting| seen.function == self.ours.function && seen.index == self.ours.index;
+        let is_same_camera = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Same;
+        let own: Vec<_> = there.nodes.iter().filter(is_same_camera).collect();
+        let same = |seen: &&&Sighting| seen.function == self.camera.function && seen.index == self.camera.index;
         // Drivers that make several cameras of one device (vivid does) are told apart by the node alone: the one that the settings name,
         // then the one that it had.
         let named = |seen: &&&Sighting| there.meant.as_ref().is_some_and(|meant| meant.node == seen.node);
-        let before = |seen: &&&Sighting| self.ours.node == seen.node;
-        let found = || ours.iter().filter(same);
+        let before = |seen: &&&Sighting| self.camera.node == seen.node;
+        let found = || own.iter().filter(same);
         if let Some(same) = found().find(named).or_else(|| found().find(before)).or_else(|| found().next()) {
             return Some(Next::Open(vec![(*same).clone()]));
         }
-        if ours.is_empty() {
+        if own.is_empty() {
             return None;
         }
         // Its nodes come one after the other.
         Some(if waits {
-            Next::Wait(format!("{} is there, but not yet the node with its picture", self.ours.device.described()))
+            Next::Wait(format!("{} is connected, but its video node has not appeared yet", self.camera.device.described()))
         } else {
-            Next::Open(ours.into_iter().cloned().collect())
+            Next::Open(own.into_iter().cloned().collect())
         })
     }
 
-    /// The nodes of devices that are not, or may not be, ours.
-    fn not_ours(&self, there: &There) -> Vec<PathBuf> {
+    /// The nodes of devices that are not, or may not be, the camera's.
+    fn other_nodes(&self, there: &There) -> Vec<PathBuf> {
         let is_not = |seen: &&Sighting| matches!(self.verdict(&seen.device, there), Verdict::Other | Verdict::Unclear);
         there.nodes.iter().filter(is_not).map(|seen| seen.node.clone()).collect()
     }
 
     fn verdict(&self, device: &Device, there: &There) -> Verdict {
-        let ours = &self.ours.device;
-        if device.is_same(ours) {
-            return Verdict::Ours;
+        let camera = &self.camera.device;
+        if device.is_same(camera) {
+            return Verdict::Same;
         }
-        if there.has(ours) || self.beside.iter().any(|other| other.is_same(device)) {
+        if there.has(camera) || self.beside.iter().any(|other| other.is_same(device)) {
             return Verdict::Other;
         }
         if device.usb.is_none() {
@@ -245,47 +246,47 @@ impl Known {
         }
         let alike = |other: &&Device| other.usb == device.usb;
         let twins: Vec<_> = self.beside.iter().filter(alike).collect();
-        if device.usb != ours.usb {
+        if device.usb != camera.usb {
             // A serial number goes wherever its camera is plugged in; of one without, any that is away may be it.
             let moved = twins.iter().any(|twin| twin.serial().is_some() || !there.has(twin));
             return if moved { Verdict::Other } else { Verdict::New };
         }
-        // It is as ours is, in another socket.
-        if ours.serial().is_some() && twins.is_empty() {
-            return Verdict::Ours;
+        // It is like the camera, in another port.
+        if camera.serial().is_some() && twins.is_empty() {
+            return Verdict::Same;
         }
-        let claims = |seen: &&Sighting| seen.device.usb == ours.usb && !twins.iter().any(|twin| twin.is_same(&seen.device));
+        let claims = |seen: &&Sighting| seen.device.usb == camera.usb && !twins.iter().any(|twin| twin.is_same(&seen.device));
         let alone = there.nodes.iter().filter(claims).all(|seen| seen.device.is_same(device));
-        if alone && twins.iter().all(|twin| there.has(twin)) { Verdict::Ours } else { Verdict::Unclear }
+        if alone && twins.iter().all(|twin| there.has(twin)) { Verdict::Same } else { Verdict::Unclear }
     }
 
     /// Why there is nothing to open where the setting's path leads nowhere.
     fn why_nothing(&self, there: &There) -> String {
-        let ours = &self.ours.device;
-        let elsewhere = there.nodes.iter().find(|seen| ours.serial().is_some() && seen.device.usb == ours.usb);
+        let camera = &self.camera.device;
+        let elsewhere = there.nodes.iter().find(|seen| camera.serial().is_some() && seen.device.usb == camera.usb);
         let place = elsewhere.map_or("is not plugged in".into(), |seen| {
             format!(
-                "is in socket {} now, as {}: plug it in where it was, or correct camera.device",
+                "is in USB port {} now, as {}: plug it into its previous port, or correct camera.device",
                 seen.device.socket(),
                 seen.node.display()
             )
         });
-        format!("nothing is there; {} {place}", ours.described())
+        format!("no device found; {} {place}", camera.described())
     }
 
     /// Why the node that the setting leads to is not opened.
     fn why_not(&self, meant: &Sighting, there: &There) -> String {
-        let (node, other, ours) = (meant.node.display(), meant.device.described(), self.ours.device.described());
+        let (node, other, camera) = (meant.node.display(), meant.device.described(), self.camera.device.described());
         let socket = meant.device.socket();
         match self.verdict(&meant.device, there) {
             Verdict::Unclear => format!(
-                "{node} is {other}, which may be the camera or another of its kind that was there beside it: plug it into the socket \
-                 where it was, or start gimbald again to use this one"
+                "{node} is {other}: the camera in use, or one of the same kind that was connected together with it; plug it into its \
+                 previous port, or restart gimbald to use this one"
             ),
             Verdict::Other => format!(
-                "{node} is {other} in socket {socket}, which was there beside the camera in use, {ours}; start gimbald again to use it"
+                "{node} is {other} in USB port {socket}, which was connected together with the camera in use, {camera}; restart gimbald to use it"
             ),
-            Verdict::Ours | Verdict::New => format!("{node} is {other} in socket {socket} now, not where {ours} was"),
+            Verdict::Same | Verdict::New => format!("{node} is {other} in USB port {socket}, not the port of {camera}"),
         }
     }
 }

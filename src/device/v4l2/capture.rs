@@ -116,7 +116,7 @@ impl fmt::Display for Counts {
             (missing, "missing"),
             (damaged, "damaged"),
             (truncated, "cut short"),
-            (foreign_times, "without a time of their own"),
+            (foreign_times, "without a valid time stamp"),
             (restarts, if restarts == 1 { "restart" } else { "restarts" }),
             (failed_transfers, if failed_transfers == 1 { "failed transfer" } else { "failed transfers" }),
         ] {
@@ -171,7 +171,7 @@ impl Capture {
         let queue = Queue::new(node, Direction::Capture, params.buffers.clamp(2, 32))?;
         if queue.len() < 2 || queue.capacity() < whole {
             let what = format!(
-                "the driver gives {} buffers of {} bytes; at least 2 of {whole} are needed for {} {}x{}",
+                "the driver allocated {} buffers of {} bytes; at least 2 of {whole} are required for {} {}x{}",
                 queue.len(),
                 queue.capacity(),
                 format.pixel,
@@ -248,14 +248,14 @@ impl Capture {
         self.start()
     }
 
-    /// After `errno` while `doing` something: starts the stream anew, once until a frame comes. A driver that was told to stop
+    /// After `errno` while `doing` something: restarts the stream, once until a frame comes. A driver that was told to stop
     /// and start has forgotten most of what can go wrong.
     fn recover(&mut self, doing: &'static str, errno: Errno) -> Result<(), DeviceError> {
         let error = self.queue.node().error(doing, errno);
         if self.restarted || matches!(error, DeviceError::Gone { .. }) {
             return Err(error);
         }
-        tracing::warn!(%error, "the stream is restarted");
+        tracing::warn!(%error, "restarting the stream");
         self.restarted = true;
         self.restart()
     }
@@ -304,7 +304,7 @@ impl Capture {
         self.stall.transfer_failed();
         if is_new && self.failures_logged.is_due(now_ns) {
             let failed = self.transfers.failed;
-            tracing::warn!(camera = %self.path().display(), failed, "a transfer from the camera failed; the stream goes on");
+            tracing::warn!(camera = %self.path().display(), failed, "a transfer from the camera failed, continuing");
         }
         if self.transfers.are_hopeless() { Err(Errno::IO) } else { Ok(()) }
     }

@@ -13,7 +13,7 @@ use super::super::DeviceError;
 use super::LOAD_LOOPBACK;
 use super::node::Node;
 
-/// The module's control device; its owner alone may write to it unless somebody decided otherwise.
+/// The module's control device; its owner alone may write to it unless a udev rule says otherwise.
 const CONTROL: &str = "/dev/v4l2loopback";
 /// The label of a device that was not asked for by one.
 const LABEL: &str = "gimbald";
@@ -32,22 +32,22 @@ pub(super) fn create(device: &str) -> Result<PathBuf, DeviceError> {
     let fd = rustix::fs::open(control, flags, Mode::empty()).map_err(|errno| match errno {
         Errno::NOENT | Errno::NXIO | Errno::NODEV => DeviceError::Unsupported {
             path: control.to_path_buf(),
-            what: format!("not there, so no loopback device can be made; {LOAD_LOOPBACK}"),
+            what: format!("does not exist, so no loopback device can be created; {LOAD_LOOPBACK}"),
         },
         errno => DeviceError::Io {
             path: control.to_path_buf(),
-            doing: "make a loopback device through it: open",
-            hint: "; root may, or whom a udev rule lets: KERNEL==\"v4l2loopback\", GROUP=\"video\", MODE=\"0660\"",
+            doing: "create a loopback device with it: open",
+            hint: "; only root can, or the group in a udev rule: KERNEL==\"v4l2loopback\", GROUP=\"video\", MODE=\"0660\"",
             source: errno.into(),
         },
     })?;
     let number = add(&fd, &Request::of(device)).map_err(|errno| match errno {
         Errno::NOSYS | Errno::NOTTY => DeviceError::Unsupported {
             path: control.to_path_buf(),
-            what: "this v4l2loopback makes no devices while it is loaded (0.13 and later do); give it `devices=` when it is loaded"
+            what: "this version of v4l2loopback cannot create devices at run time (0.13 and later can); use its module parameter `devices=`"
                 .into(),
         },
-        errno => DeviceError::io(control, "make a loopback device through it", errno.into()),
+        errno => DeviceError::io(control, "create a loopback device with it", errno.into()),
     })?;
     let path = PathBuf::from(format!("/dev/video{number}"));
     // udev gives it its permissions a moment later.

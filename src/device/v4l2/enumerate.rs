@@ -91,7 +91,7 @@ fn look(path: &Path) -> DeviceInfo {
     };
     let opened = Node::open(path).and_then(|node| match node.identity() {
         Ok(identity) => Ok((node, identity)),
-        Err(errno) => Err(node.error("ask for the abilities of", errno)),
+        Err(errno) => Err(node.error("query the capabilities of", errno)),
     });
     match opened {
         Err(problem) => {
@@ -180,7 +180,9 @@ impl fmt::Display for DeviceInfo {
             (true, true) => "camera and output",
             (true, false) => "camera",
             (false, true) => "output",
-            (false, false) if self.stage => "no camera: a stage of a CSI camera's path (libcamera drives these), or a codec",
+            (false, false) if self.stage => {
+                "not a camera: a part of a CSI camera's pipeline (used through libcamera), or a codec"
+            }
             (false, false) => "neither camera nor output (metadata, or multi-planar)",
         };
         write!(f, "\n    {role}; driver {}, {}", self.driver, self.bus)?;

@@ -68,8 +68,7 @@ fn pick(
     }
     let path = PathBuf::from(if auto { "auto" } else { device });
     if !found.is_empty() {
-        let what =
-            format!("more than one device answers to this: there is {}; name it by number, path or whole name", names(found));
+        let what = format!("more than one device matches: {}; use its number, path or full name", names(found));
         return Err(DeviceError::Unsupported { path, what });
     }
     Err(nothing(path, direction, known, except))
@@ -87,23 +86,27 @@ fn nothing(path: PathBuf, direction: Direction, known: &[(Seen, PathBuf)], excep
     all.extend(except.iter().map(|node| {
         let card = kernel_name(node);
         // What has another name would not have been meant anyway.
-        let why = if card.to_lowercase().contains(&name) { "; left alone: it was there beside the camera in use" } else { "" };
+        let why = if card.to_lowercase().contains(&name) {
+            "; not used: it was connected together with the camera in use"
+        } else {
+            ""
+        };
         (node, card, why)
     }));
     all.sort();
     let all: Vec<_> = all.iter().map(|(node, card, why)| format!("{} ({card}{why})", node.display())).collect();
-    let there = if all.is_empty() { "there is no video device".into() } else { format!("there is {}", all.join(", ")) };
+    let there = if all.is_empty() { "no video devices found".into() } else { format!("there is {}", all.join(", ")) };
     if direction == Direction::Output {
-        let what = format!("no loopback device answers to this; {there}; {}", super::LOAD_LOOPBACK);
+        let what = format!("no loopback device matches; {there}; {}", super::LOAD_LOOPBACK);
         return DeviceError::Unsupported { path, what };
     }
     // It may be plugged in yet.
     let hint = if known.iter().any(|(seen, _)| seen.role == Some(Role::Camera)) {
-        "; name it by number, path or card name"
+        "; use its number, path or card name"
     } else if known.iter().any(|(seen, _)| seen.role == Some(Role::Stage)) {
         ONLY_STAGES
     } else {
-        "; plug one in, or name it by number, path or card name"
+        "; plug one in, or use its number, path or card name"
     };
     DeviceError::Io { path, doing: "find such a camera", hint, source: io::Error::new(io::ErrorKind::NotFound, there) }
 }

@@ -76,7 +76,7 @@ impl Loopback {
     /// layout that can be written, that one is taken: [`FrameSink::format`] says which.
     ///
     /// # Errors
-    /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or somebody
+    /// [`DeviceError::Busy`] where another program writes to it, [`DeviceError::Unsupported`] where it is no loopback or another program
     /// holds another format, else [`DeviceError::Io`]; each says what to do.
     pub fn open(params: &LoopbackParams) -> Result<Self, DeviceError> {
         let missing = match candidates(&params.device, Direction::Output, &[]) {
@@ -126,7 +126,9 @@ impl Loopback {
         let queue = Queue::new(node, Direction::Output, params.buffers.clamp(2, 32))?;
         if queue.len() == 0 || queue.capacity() < whole {
             let (count, size) = (queue.len(), queue.capacity());
-            return refuse(format!("the driver gives {count} buffers of {size} bytes; at least one of {whole} is needed"));
+            return refuse(format!(
+                "the driver allocated {count} buffers of {size} bytes; at least one of {whole} is required"
+            ));
         }
         let mut loopback = Self {
             queue,
@@ -183,7 +185,7 @@ impl Loopback {
     }
 
     /// Sends a buffer as it is, as of now; costs next to nothing. For when every buffer holds the same picture: a reader that comes
-    /// is given the newest at first, and takes it ill when that is old.
+    /// is given the newest first, and may stop when that is old.
     ///
     /// # Errors
     /// As [`FrameSink::submit`].
@@ -225,7 +227,7 @@ impl Loopback {
     }
 
     fn send(&mut self, index: usize, time_ns: i64) -> Result<(), DeviceError> {
-        // Readers take it ill when time goes back, as from a picture sent again to one that a camera took before that; and V4L2
+        // Readers may fail when time goes back, as from a picture sent again to one that a camera took before that; and V4L2
         // carries whole microseconds, of which zero would mean "now": v4l2loopback wants always or never.
         let time_ns = time_ns.max(self.last_time_ns.saturating_add(1000)).max(1000);
         self.last_time_ns = time_ns;
@@ -250,7 +252,7 @@ impl Loopback {
         }
         match self.queue.dequeue() {
             Ok(returned) => Ok(returned.map(|returned| returned.index)),
-            Err(errno) => Err(self.queue.node().error("take a buffer back from", errno)),
+            Err(errno) => Err(self.queue.node().error("dequeue a buffer from", errno)),
         }
     }
 }
@@ -303,19 +305,19 @@ impl Drop for Loopback {
 
 /// Whether the node takes frames; a format that a writer left locked behind is let go. Says whether there was one.
 fn check_output(node: &Node) -> Result<bool, DeviceError> {
-    let ask = || node.identity().map_err(|errno| node.error("ask for the abilities of", errno));
+    let ask = || node.identity().map_err(|errno| node.error("query the capabilities of", errno));
     let identity = ask()?;
     let path = node.path().to_path_buf();
     if identity.driver != LOOPBACK_DRIVER && identity.caps & V4L2_CAP_VIDEO_OUTPUT == 0 {
         let (card, driver) = (identity.card, identity.driver);
-        let what = format!("{card} (driver {driver}) takes no frames: it is no loopback device; {LOAD_LOOPBACK}");
+        let what = format!("{card} (driver {driver}) does not accept frames: it is not a loopback device; {LOAD_LOOPBACK}");
         return Err(DeviceError::Unsupported { path, what });
     }
     let was_kept = identity.driver == LOOPBACK_DRIVER && node.control(KEEP_FORMAT) == Ok(1);
     if was_kept {
         keep_format(node, false);
     }
-    // Made with exclusive_caps, it says that it takes none while somebody writes to it, or the format was locked.
+    // Made with exclusive_caps, it says that it takes none while a program writes to it, or the format was locked.
     if ask()?.caps & V4L2_CAP_VIDEO_OUTPUT == 0 {
         keep_format(node, was_kept);
         return Err(DeviceError::Busy { path });
@@ -336,7 +338,7 @@ fn keep_format(node: &Node, keep: bool) {
     }
 }
 
-/// Sets format and rate. v4l2loopback answers what somebody else holds, with success: so compare.
+/// Sets format and rate. v4l2loopback returns the format that another program holds, and success: so compare.
 fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, DeviceError> {
     let mut asked = wish(params.pixel.fourcc(), params.width, params.height);
     let tight = StreamFormat::tight(params.width, params.height, params.pixel, params.interval);
@@ -358,7 +360,7 @@ fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, Devi
     let (width, height) = (given.width, given.height);
     if (given.pixelformat, width, height) != (asked.pixelformat, asked.width, asked.height) {
         let held = format!(
-            "stays at {} {width}x{height} when asked for {} {}x{}: a program that watches it holds that format",
+            "keeps {} {width}x{height} although {} {}x{} was requested: a program that reads from it holds that format",
             String::from_utf8_lossy(&code),
             params.pixel,
             params.width,
@@ -369,7 +371,7 @@ fn set_format(node: &Node, params: &LoopbackParams) -> Result<StreamFormat, Devi
             let what = format!("{held}, and it cannot be written; close that program");
             return Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what });
         }
-        tracing::warn!(loopback = %node.path().display(), "{held}; the picture is made to fit");
+        tracing::warn!(loopback = %node.path().display(), "{held}; the picture is scaled to fit");
     }
     let pixel = writable(code).unwrap_or(params.pixel);
     let tight = StreamFormat::tight(width, height, pixel, params.interval);

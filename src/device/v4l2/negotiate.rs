@@ -46,7 +46,7 @@ pub(super) fn modes(node: &Node, wish: &Wish) -> Vec<Mode> {
 
 /// Whether the node is a camera that can be streamed from.
 pub(super) fn check_camera(node: &Node) -> Result<(), DeviceError> {
-    let identity = node.identity().map_err(|errno| node.error("ask for the abilities of", errno))?;
+    let identity = node.identity().map_err(|errno| node.error("query the capabilities of", errno))?;
     let streams = [V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_STREAMING].iter().all(|caps| identity.caps & caps != 0);
     let what = match Role::of(node, &identity) {
         Role::Camera => return Ok(()),
@@ -55,7 +55,7 @@ pub(super) fn check_camera(node: &Node) -> Result<(), DeviceError> {
             "a loopback device that no program writes to; start the program that is to write to it, or choose a camera"
                 .to_string()
         }
-        Role::Planes => format!("{}: gives frames in several planes' buffers only, which gimbald cannot read", identity.card),
+        Role::Planes => format!("{}: only delivers frames in multi-planar buffers, which gimbald cannot read", identity.card),
         Role::Stage => format!("{} ({}): not a camera{ONLY_STAGES}", identity.card, identity.driver),
         Role::Other => {
             format!("{}: not a camera (a metadata or output node?); `gimbald devices` lists the cameras", identity.card)
@@ -73,22 +73,29 @@ pub(super) fn set_mode(node: &Node, mode: &Mode, asked: &Wish) -> Result<StreamF
     let refuse = |what: String| Err(DeviceError::Unsupported { path: node.path().to_path_buf(), what });
     let Some(pixel) = PixelFormat::from_fourcc(fourcc).filter(|pixel| *pixel == mode.pixel) else {
         let code = String::from_utf8_lossy(&fourcc).into_owned();
-        return refuse(format!("answers {code} when asked for {}, which it offers; choose another format", mode.pixel));
+        return refuse(format!(
+            "returned {code} when {} was requested, although it offers it; choose another format",
+            mode.pixel
+        ));
     };
     let size = |width: u32, height: u32| format!("{width}x{height}");
     if pix.width == 0 || pix.height == 0 {
-        return refuse(format!("answers {} when asked for {}", size(pix.width, pix.height), size(mode.width, mode.height)));
+        return refuse(format!(
+            "returned {} when {} was requested",
+            size(pix.width, pix.height),
+            size(mode.width, mode.height)
+        ));
     }
     let other = |given: u32, asked: Option<u32>| asked.is_some_and(|asked| given != asked);
     if other(pix.width, asked.width) || other(pix.height, asked.height) {
         let (asked, given) = (size(mode.width, mode.height), size(pix.width, pix.height));
-        tracing::warn!(camera = %node.path().display(), asked, given, "the camera gives another size");
+        tracing::warn!(camera = %node.path().display(), asked, given, "the camera chose another size");
     }
     if [v4l2_field_V4L2_FIELD_TOP, v4l2_field_V4L2_FIELD_BOTTOM, v4l2_field_V4L2_FIELD_ALTERNATE].contains(&pix.field) {
-        return refuse("gives half frames (fields), which gimbald cannot read; choose another input or size".into());
+        return refuse("delivers fields instead of frames, which gimbald cannot read; choose another input or size".into());
     }
     if pix.field != v4l2_field_V4L2_FIELD_NONE {
-        tracing::warn!(camera = %node.path().display(), "the camera's picture is interlaced; it will not become quite steady");
+        tracing::warn!(camera = %node.path().display(), "the camera's picture is interlaced; some shake will remain");
     }
     let wanted = match (mode.interval, asked.fps) {
         ((0, _), Some(fps)) => interval(fps),
@@ -109,7 +116,7 @@ pub(super) fn set_mode(node: &Node, mode: &Mode, asked: &Wish) -> Result<StreamF
     if let Some(fps) = asked.fps
         && (format.rate() / fps - 1.0).abs() > 0.02
     {
-        tracing::warn!(camera = %node.path().display(), asked = fps, given = format.rate(), "the camera gives another rate");
+        tracing::warn!(camera = %node.path().display(), asked = fps, given = format.rate(), "the camera chose another rate");
     }
     Ok(format)
 }

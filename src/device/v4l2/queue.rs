@@ -29,7 +29,7 @@ pub(super) struct Returned {
 ///
 /// That is what keeps *us* from reading a frame that is being overwritten. It does not keep others from writing: every process that
 /// may open the node can map the same buffers, a loopback's readers all do, and a driver that was not asked ([`Queue::take_back`]) may
-/// still use a buffer. Bytes of a mapping can therefore change at any time, between two reads of one byte as well. Whoever reads them
+/// still use a buffer. Bytes of a mapping can therefore change at any time, between two reads of one byte as well. A reader of them
 /// must need nothing of them: either samples, which decide no address and no length, or one copy into private memory, which is then
 /// looked at in the mapping's place.
 #[derive(Debug)]
@@ -162,7 +162,7 @@ impl Queue {
 
     /// Makes a buffer ours without asking the driver, as [`Queue::take_next`]: v4l2loopback copies no frames, it only tells readers
     /// which buffer is the newest, and writes to none. To the driver the buffer stays queued; being queued once more does it no harm. So
-    /// "ours" then means that no other part of this process has it, not that nobody looks at it.
+    /// "free" then means that no other part of this process has it, not that no reader looks at it.
     pub(super) fn take_back(&mut self, index: usize) {
         if let Some(mapping) = self.mappings.get_mut(index) {
             mapping.queued = false;

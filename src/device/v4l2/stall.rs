@@ -84,15 +84,15 @@ impl fmt::Display for Stalled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { seconds, frames, .. } = *self;
         match frames {
-            0 => write!(f, "no frame came for {seconds} s")?,
+            0 => write!(f, "no frames for {seconds} s")?,
             1 => write!(
                 f,
-                "one frame came when the stream was started, and then none for {seconds} s (where that happens with every start, \
+                "one frame when the stream started, then none for {seconds} s (if that happens at every start, \
                  the camera does not mark where a frame ends: try `options uvcvideo quirks=0x10` in /etc/modprobe.d)"
             )?,
-            _ => write!(f, "no frame came for {seconds} s, after {frames}")?,
+            _ => write!(f, "no frames for {seconds} s, after {frames}")?,
         }
-        write!(f, "; the stream is restarted, and where that does not help again after ever longer pauses")
+        write!(f, "; restarting the stream, and again after increasing pauses until frames arrive")
     }
 }
 
@@ -153,8 +153,8 @@ mod tests {
     #[test]
     fn what_happened_is_said_in_words() {
         let said = |frames| Stalled { seconds: 5, frames, is_new: true }.to_string();
-        assert!(said(0).starts_with("no frame came for 5 s; "));
-        assert!(said(1).starts_with("one frame came when") && said(1).contains("quirks=0x10"));
-        assert!(said(700).starts_with("no frame came for 5 s, after 700; "));
+        assert!(said(0).starts_with("no frames for 5 s; "));
+        assert!(said(1).starts_with("one frame when") && said(1).contains("quirks=0x10"));
+        assert!(said(700).starts_with("no frames for 5 s, after 700; "));
     }
 }

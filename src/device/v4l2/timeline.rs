@@ -15,7 +15,7 @@ pub(super) struct Timeline {
     restarted: bool,
     /// Frames whose time was not on CLOCK_MONOTONIC.
     pub(super) foreign_times: u64,
-    /// Frames that the driver counted but nobody was given.
+    /// Frames that the driver counted but did not deliver.
     pub(super) missing: u64,
 }
 
@@ -49,7 +49,7 @@ impl Timeline {
             None => u64::from(sequence),
             Some((_, count)) if self.restarted => count + 1,
             Some((last, count)) => match sequence.wrapping_sub(last) {
-                // Drivers that always say 0, and those that start anew unasked: each frame is still the next.
+                // Drivers that always say 0, and those that restart their count: each frame is still the next.
                 0 => count + 1,
                 back if back > u32::MAX / 2 => count + 1,
                 step => {

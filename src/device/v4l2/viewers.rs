@@ -70,7 +70,7 @@ impl Viewers {
         matches!(self.way, Way::Told(_))
     }
 
-    /// Waits until somebody begins or ceases to watch, `notifier` is notified or `timeout` runs out; says how many watch. Where the module
+    /// Waits until a viewer comes or goes, `notifier` is notified or `timeout` runs out; says how many watch. Where the module
     /// tells: streaming readers. Where it is counted: openings of loopback devices beside this process's own, more than watch.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ pub(super) struct Header {
     pub(super) format: StreamFormat,
     /// Whether the stream's own chroma is 4:1:1, one sample to four columns.
     pub(super) is_411: bool,
-    /// Whether it says how its chroma is laid out; otherwise it is taken for 4:2:0.
+    /// Whether it says how its chroma is laid out; otherwise 4:2:0 is assumed.
     pub(super) names_chroma: bool,
 }
 
@@ -29,7 +29,7 @@ struct Chroma {
 /// # Errors
 /// A sentence that names the parameter, its value and what was expected.
 pub(super) fn parse(line: &[u8]) -> Result<Header, String> {
-    let line = std::str::from_utf8(line).map_err(|_| "its header line is no text".to_string())?;
+    let line = std::str::from_utf8(line).map_err(|_| "its header line is not text".to_string())?;
     let mut words = line.split([' ', '\t', '\r']).filter(|word| !word.is_empty());
     if words.next().map(str::as_bytes) != Some(MAGIC) {
         return Err("it does not begin with YUV4MPEG2".into());
@@ -77,8 +77,8 @@ pub(super) fn parse(line: &[u8]) -> Result<Header, String> {
     let Chroma { pixel, siting, is_411 } =
         named.unwrap_or(Chroma { pixel: PixelFormat::I420, siting: Siting::Centre, is_411: false });
     (format.pixel, format.colour.siting) = (pixel, siting);
-    format.width = width.ok_or("its header names no width (W)")?;
-    format.height = height.ok_or("its header names no height (H)")?;
+    format.width = width.ok_or("its header has no width (W)")?;
+    format.height = height.ok_or("its header has no height (H)")?;
     format.stride = format.pixel.tight_stride(format.width);
     Ok(Header { format, is_411, names_chroma: named.is_some() })
 }

@@ -85,7 +85,7 @@ impl Y4mSource {
             let what = match () {
                 () if cut => "the stream ends within a frame's header",
                 () if n > 0 && !self.header.names_chroma => {
-                    "expected the word FRAME, found other bytes; the header names no chroma (C), so that frames were taken for 4:2:0"
+                    "expected the word FRAME, found other bytes; the header has no chroma format (C), so 4:2:0 was assumed"
                 }
                 () => "expected the word FRAME, found other bytes",
             };

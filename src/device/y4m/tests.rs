@@ -100,7 +100,7 @@ fn a_frame_of_4_1_1_becomes_one_of_4_2_2() {
 fn where_no_chroma_is_named_the_wrong_size_of_a_frame_is_put_down_to_that() {
     let frames = b"FRAME\nabcdefghijklFRAME\nabcdefghijkl";
     let (given, error) = drain(&mut open([&b"YUV4MPEG2 W2 H2 F25:1\n"[..], frames].concat()).unwrap());
-    assert!(given.len() == 1 && error.unwrap().contains("names no chroma (C), so that frames were taken for 4:2:0"));
+    assert!(given.len() == 1 && error.unwrap().contains("has no chroma format (C), so 4:2:0 was assumed"));
     let (given, error) = drain(&mut open([&b"YUV4MPEG2 W2 H2 F25:1 C420jpeg\n"[..], frames].concat()).unwrap());
     assert!(given.len() == 1 && !error.unwrap().contains("chroma"));
 }

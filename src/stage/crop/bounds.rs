@@ -214,7 +214,7 @@ mod tests {
             // what is left is for the scale that the smoother applies last
             assert!(bounds.crop_use(&near) < 0.95, "{far:?} to {near:?}: {}", bounds.crop_use(&near));
         }
-        // straight beyond one plane, each channel gives way by what it moves for its distance
+        // straight beyond one plane, each channel moves in proportion to its effect
         let Pose([yaw, _, roll, _]) = bounds.nearest(Pose([35.0, 0.0, 0.0, 0.0]), 1.0, &[1.0; 4]);
         assert!((yaw - 30.0).abs() < 1e-6 && roll.abs() < 1e-6, "{yaw} {roll}");
         assert_eq!(bounds.corners().map(|corner| corner.slack), [30.0, 30.0, 30.0, 30.0, 20.0, 20.0, 20.0, 20.0]);

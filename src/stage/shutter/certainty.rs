@@ -1,4 +1,4 @@
-//! How far a calibration that was found out from footage is to be believed.
+//! How reliable a calibration that was estimated from footage is.
 //!
 //! The continuous model's standard deviations already distrust the tracks' statistics (its `evidence` module). Measured on eleven
 //! rendered clips of known cameras (four seconds each; hands, walking, knocked desks, a vehicle, logged gyroscopes, a person in the
@@ -26,7 +26,7 @@ const _: () = assert!(MAX_READOUT < LONGEST_READOUT);
 /// Where the edge begins at which the model may have got stuck (frame intervals).
 const EDGE: f64 = 0.99;
 
-/// A value that was found out, and how far the truth may be from it, nearly always.
+/// An estimated value, and how far the truth may be from it (two standard deviations).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
     /// The value.
@@ -51,7 +51,7 @@ pub fn lens(found: &Calibration) -> Stated {
     Stated { value: found.lens_k1.value, uncertainty: hypot(FACTOR * found.lens_k1.sigma, FLOOR.2) }
 }
 
-/// The readout time, where it was found out, and well enough to build on. One that fills the frame interval is believed only where the
+/// The readout time, where it was estimated well enough to be used. One that fills the frame interval is believed only where the
 /// field of view is known as well: where the model does not fit (a camera that travels), both go to their edges.
 pub fn known_readout(found: &Calibration, interval_s: f64) -> Option<Stated> {
     let estimate = readout(found, interval_s);

@@ -9,7 +9,7 @@
 //! with e_i = x_i - c_i the correction at tick i and n_k . e <= m_k the half-spaces of the crop window that bind first. Room that roll
 //! takes at the corners is missing for yaw and pitch: where these need it, roll gives it back, and a weak pull moves it slowly towards the
 //! middle of the path that the camera is expected to take. Zoom takes its room first and is planned alone: if it could make room for the
-//! others, the picture would breathe.
+//! others, the picture would zoom in and out.
 //!
 //! Lengths are in units of the window's least margin, for all channels; times in ticks.
 

@@ -26,7 +26,7 @@ pub use tuning::Tuning;
 /// Which drive moves the virtual camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// As little acceleration as the crop window allows: stands still under shake, glides after a pan.
+    /// As little acceleration as the crop window allows: at rest under shake, smooth after a pan.
     #[default]
     Adaptive,
     /// The paper's causal low-pass.
@@ -43,7 +43,7 @@ pub struct Params {
     pub strength: f64,
     /// Adaptive alone: milliseconds by which frames may be late so that the path is planned with what comes (0 to 500).
     pub lookahead_ms: f64,
-    /// Iir alone: motion slower than this is followed, faster is taken out (Hz, 0.05 to 10).
+    /// Iir alone: motion slower than this is followed, faster is removed (Hz, 0.05 to 10).
     pub cutoff_hz: f64,
 }
 

@@ -9,8 +9,8 @@
 //! with a, j, v the second, third and first differences, and excess_i how far the correction x_i - c_i is outside of the window at the
 //! next ticks; c_i is normal, with the forecast's mean and deviation. What the window leaves now is up to the caller. E has a closed
 //! form, and is smooth, so that a few Newton steps on a banded matrix suffice. An excess is what a hard push by the window's edge would
-//! cost later; how much of it counts falls with the time there is left to find out better. Only x_0 is used: with the next frame all is
-//! planned anew.
+//! cost later; how much of it counts falls with the time that is left until it is known better. Only x_0 is used: with the next frame all is
+//! planned again.
 
 use super::Tuning;
 use super::forecast::AHEAD;

@@ -153,7 +153,7 @@ fn the_twin_that_takes_our_number_is_not_opened() {
         assert_eq!(desk.finds(&known, setting), "wait", "{setting}");
     }
     let Next::Wait(why) = desk.next(&known, "0", true) else { panic!() };
-    assert!(why.contains("TEST0002") && why.contains("TEST0001") && why.contains("start gimbald again"), "{why}");
+    assert!(why.contains("TEST0002") && why.contains("TEST0001") && why.contains("restart gimbald"), "{why}");
     assert_eq!(desk.finds(&known, "Test"), "search, not /dev/video0");
     desk.plug(OURS, 2);
     desk.link(BY_ID, 2);
@@ -162,7 +162,7 @@ fn the_twin_that_takes_our_number_is_not_opened() {
     }
 }
 
-/// A link that is stale leads to a camera that nobody saw before.
+/// A link that is stale leads to a camera that was never seen before.
 #[test]
 fn a_stale_link_is_not_followed_to_a_new_camera() {
     let desk = Desk::new();

@@ -64,9 +64,9 @@ impl Origin {
             return Err(DeviceError::format(path, format!("ffprobe cannot read it: {why}")));
         }
         let found: Option<Value> = serde_json::from_slice(&output.stdout).ok();
-        found
-            .and_then(|found| Self::read(path, &found))
-            .ok_or_else(|| DeviceError::format(path, "it holds no video; gimbald stabilizes a file's first stream of pictures"))
+        found.and_then(|found| Self::read(path, &found)).ok_or_else(|| {
+            DeviceError::format(path, "it contains no video; gimbald stabilizes the first video stream of a file")
+        })
     }
 
     /// From what `ffprobe` prints; `None` where there is no stream of pictures.

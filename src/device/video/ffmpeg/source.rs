@@ -66,7 +66,7 @@ impl FfmpegSource {
                 end(&mut decoder);
                 let heard = words.all();
                 let why = if heard.errors > 0 { heard.in_words() } else { error.to_string() };
-                return Err(DeviceError::format(path, format!("ffmpeg decodes no picture of it: {why}")));
+                return Err(DeviceError::format(path, format!("ffmpeg cannot decode it: {why}")));
             }
         };
         let mut format = pictures.format();

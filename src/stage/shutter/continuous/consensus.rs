@@ -19,7 +19,7 @@ const DRAWS: usize = 96;
 const SAMPLE: usize = 4;
 /// Cells of the picture over which weight is spread (columns, rows).
 const CELLS: [usize; 2] = [8, 6];
-/// Squared distance at which a hypothesis lets go of a track, pixels^2: 2.5 px, since the hypotheses know no acceleration within the frame
+/// Squared distance from which a track is an outlier of a hypothesis, pixels^2: 2.5 px, since the hypotheses know no acceleration within the frame
 /// and tracks on motion blur are off by a pixel.
 pub const LIMIT_SQUARE: f64 = 2.5 * 2.5;
 /// Truncated cost, as a share of the greatest there can be, below which a hypothesis is good enough to look no further.

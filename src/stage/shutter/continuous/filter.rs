@@ -283,8 +283,8 @@ impl Filter {
         }
     }
 
-    /// Eases the prior where the path that was found bends more than it expected (Huber's weights), so that a knock is taken for
-    /// what it is while a quiet hand is believed to be quiet.
+    /// Eases the prior where the path that was found bends more than it expected (Huber's weights), so that a knock is
+    /// followed while a quiet hand stays quiet.
     pub fn ease_prior(&mut self) {
         for i in 0..self.fresh {
             for c in 0..4 {

@@ -14,7 +14,7 @@
 //! `phi' = a phi + w`, `a = exp(-t / KEEP_S)`), while a changing turn moves the rows as fast as the shake and by zero on average.
 //!
 //! A constant added to phi and taken from the path's speed changes nothing that is seen, so something must say which layer of the
-//! scene stands still. Two things do:
+//! scene is at rest. Two things do:
 //!
 //! - The prior says that phi is nothing in most rows: each value has a variance of its own that follows the mean square of
 //!   what was found of it (automatic relevance determination), but at least that of [`MIN_PX`].

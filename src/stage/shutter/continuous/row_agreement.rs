@@ -11,7 +11,7 @@
 //!
 //! is the share of p that is really there. Rendered rolling shutter gives 0.98 to 1; footage in which something else wobbles gives 0.2 to
 //! 0.5, and undoing p there does more harm than good. Where p is small its own errors pull beta down (errors in variables) and it
-//! matters little: it is then taken for 1.
+//! matters little: it then counts as 1.
 
 use nalgebra::{SMatrix, SVector};
 

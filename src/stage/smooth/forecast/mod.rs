@@ -1,6 +1,6 @@
 //! Where the camera will go: a linear prediction that is learned from the last seconds.
 //!
-//! The camera's ways from tick to tick are taken for an autoregressive process, whose weights Burg's method finds (J. P. Burg,
+//! The camera's movements from tick to tick are modelled as an autoregressive process, whose weights Burg's method finds (J. P. Burg,
 //! "Maximum entropy spectral analysis", 1975; here with weights that fade with age). It is stable whatever it is given, does well with
 //! few samples, and sees the turning points of shake, which is a narrow band. How wrong the forecasts were of late is measured for each
 //! tick ahead, not derived.
@@ -31,7 +31,7 @@ const FIRST: f64 = 6.0;
 const MIN_TICK_S: f64 = 0.8 / 30.0;
 /// How far ahead the error of forecasts is measured, seconds.
 const SOON_S: f64 = 0.067;
-/// Factor by which the frames' interval may be off the ticks' before these are chosen anew.
+/// Factor by which the frames' interval may be off the ticks' before these are chosen again.
 const OFF: f64 = 1.3;
 
 /// Where the camera was seen.

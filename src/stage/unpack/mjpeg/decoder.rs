@@ -32,7 +32,7 @@ pub(super) struct Decoder {
     /// Made with the first picture; made again after a failure, which can leave it in the midst of a header.
     turbo: Option<Decompressor>,
     strays: Strays,
-    /// The last picture had bytes without meaning in it. So will the next: they are taken out before the decoder complains of them, since
+    /// The last picture had bytes without meaning in it. So will the next: they are removed before the decoder reports them, since
     /// a complaint costs a decoding and is a text in memory.
     expects_strays: bool,
 }

@@ -142,7 +142,7 @@ def one_frame_for_each_start(bench):
     drops, starts = bench.status().get("drops", {}), bench.stats().get("starts")
     bench.note(f"{starts} starts")
     bench.check(f"2 restarts: {drops}", drops.get("restarts") == 2)
-    said(bench, "one frame came when the stream was started", 1)
+    said(bench, "one frame when the stream started", 1)
     bench.check("its frames are not called missing", drops.get("camera_missing") == 0)
     bench.check("the status says that none comes", "no frames received" in bench.status().get("what", ""))
 
