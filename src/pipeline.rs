@@ -195,14 +195,14 @@ impl Stabilizer {
     }
 
     /// Takes a frame and estimates how the camera moved.
-    pub fn take_in(&mut self, mut frame: Box<Frame>) {
+    pub fn push(&mut self, mut frame: Box<Frame>) {
         frame.context.reset();
         let waiting = self.slots.iter().position(|slot| slot.progress == Progress::Waiting);
         if waiting.is_some_and(|first| self.slots.len() - first >= MAX_WAITING) {
             self.settle_waiting(self.shutter.newest());
         }
         // behind a row of damaged frames nothing new becomes known
-        self.place_known(self.lookahead_s);
+        self.plan_known(self.lookahead_s);
         let reference = self.reference();
         if !frame.intact {
             frame.moment = self.unusable.get_or_insert_with(|| self.timing.clone()).judge(&frame.stamp);
@@ -293,12 +293,12 @@ impl Stabilizer {
                 self.slots[i].progress = Progress::Known { motion, time_s: self.known_s, interval_s };
             }
         }
-        self.place_known(self.lookahead_s);
+        self.plan_known(self.lookahead_s);
     }
 
     /// Gives frames their places, oldest first, that would be later than `lookahead_s` if they waited for one more, or behind which too
     /// many wait.
-    fn place_known(&mut self, lookahead_s: f64) {
+    fn plan_known(&mut self, lookahead_s: f64) {
         let most = ahead(self.lookahead_s, self.nominal_s) + MAX_WAITING;
         for i in 0..self.slots.len() {
             let Progress::Known { motion, time_s, interval_s } = self.slots[i].progress else { continue };
@@ -308,14 +308,14 @@ impl Stabilizer {
             if lookahead_s > 0.0 && known_s + next_s <= lookahead_s + 1e-3 && behind < most {
                 break;
             }
-            self.place(i, motion, interval_s, known_s);
+            self.plan(i, motion, interval_s, known_s);
             self.slots[i].progress = Progress::Ready;
         }
     }
 
     /// Chooses the virtual camera's place for a frame, and with it where each output pixel comes from. `interval_s` is the time since
     /// the frame before, `known_s` that for which it is known how the camera goes on.
-    fn place(&mut self, index: usize, motion: Motion, interval_s: f64, known_s: f64) {
+    fn plan(&mut self, index: usize, motion: Motion, interval_s: f64, known_s: f64) {
         let frame = &mut *self.slots[index].frame;
         timed(frame, Stage::Smooth, |frame| {
             let context = &mut frame.context;
@@ -360,7 +360,7 @@ impl Stabilizer {
     /// The stream ends: what still waits is settled with what is known.
     pub fn end(&mut self) {
         self.settle_waiting(self.shutter.newest());
-        self.place_known(0.0);
+        self.plan_known(0.0);
     }
 
     /// Draws and sends the oldest frame that was not, if it is ready. Gives back its outcome.

@@ -34,7 +34,7 @@ fn carried(shots: &[Shot], start: &Params, changes: &[Change], late: usize) -> V
     let (mut stabilizer, mut memory) = (Stabilizer::new(start, &format, &sink.format()), Memory::default());
     for (n, shot) in shots.iter().enumerate() {
         changes.iter().filter(|(at, _)| *at == n).for_each(|(_, params)| stabilizer.set_params(params));
-        stabilizer.take_in(Box::new(frame_of(shot)));
+        stabilizer.push(Box::new(frame_of(shot)));
         while stabilizer.emit(&mut sink, &mut memory).unwrap().is_some() {}
         while stabilizer.give_back().is_some() {}
         if n > 0 {

@@ -30,7 +30,7 @@ fn carried(shots: &[Shot], params: &Params) -> (Vec<Vec<Seen>>, usize) {
                 let mut frame = Box::new(frame_of(shot));
                 frame.intact = !shot.stamp.flags.contains(gimbald::frame::FrameFlags::ERROR);
                 under_way += 1;
-                stabilizer.take_in(frame);
+                stabilizer.push(frame);
             }
             None => stabilizer.end(),
         }

@@ -62,7 +62,7 @@ fn one_size(record: &mut Record, name: &str, frames: &[Frame; 2]) {
     let copy = |bytes: usize| {
         let (mut copies, begun) = (Copies::new(bytes), Instant::now());
         loop {
-            copies.take();
+            copies.measure();
             if !record.measuring || begun.elapsed().as_nanos() > PATIENCE_NS {
                 break;
             }
@@ -169,7 +169,7 @@ fn patches(record: &mut Record) {
         let places: Vec<[f32; 2]> = (0..400).map(|i| [40.3 + (i % 20) as f32 * 27.7, 40.6 + (i / 20) as f32 * 19.3]).collect();
         let take = median_ns(record.measuring, || {
             for &place in &places {
-                template.take(level, from, place);
+                template.extract(level, from, place);
                 black_box(&mut template);
             }
         });

@@ -111,7 +111,7 @@ fn patches(bytes: &mut Unstructured<'_>, [from, to, ..]: &mut [Fenced<u8>; 4]) -
         let [plain, best] = LEVELS().map(|level| {
             let mut template = lk::Template::<N>::default();
             lk::expect(from, at, N);
-            template.take(level, from, at);
+            template.extract(level, from, at);
             let lk::Step { rhs, sum, square } = template.compare(level, to, there);
             let numbers = [rhs[0], rhs[1], sum, square, template.centroid[0], template.centroid[1]];
             (numbers.map(f32::to_bits), template.gauss_newton.map(f32::to_bits))

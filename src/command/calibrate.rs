@@ -120,7 +120,7 @@ fn usable(name: &str, recorded: bool, footage: &Footage) -> Result<(), Failure> 
 
 /// Whether `input` is a file or pipe of recorded frames; everything else is a camera.
 fn is_recorded(input: &Path) -> bool {
-    let named = input.extension().is_some_and(|extension| extension == "y4m" || extension == super::place::RECORDING);
+    let named = input.extension().is_some_and(|extension| extension == "y4m" || extension == super::destination::RECORDING);
     let there = fs::metadata(input).is_ok_and(|about| about.is_file() || about.is_dir() || about.file_type().is_fifo());
     input.as_os_str() == "-" || named || there
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
 use super::measure::{Shake, measure};
-use super::place::ReportFile;
+use super::destination::ReportFile;
 use super::print::written_or_closed;
 use super::progress::Progress;
 use super::record::positive;

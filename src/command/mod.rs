@@ -12,7 +12,7 @@ mod exit;
 mod interrupt;
 pub mod measure;
 pub mod pipewire;
-mod place;
+mod destination;
 mod print;
 mod progress;
 pub mod record;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::check::frames_text;
 use super::interrupt::stop_on_signal;
-use super::place::RECORDING;
+use super::destination::RECORDING;
 use super::print::warn;
 use super::progress::Progress;
 use super::{Exit, Failure, SettingsArgs};

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::interrupt::stop_on_signal;
-use super::place::{Making, RECORDING, ReportFile, all_differ, open_sink};
+use super::destination::{Making, RECORDING, ReportFile, all_differ, open_sink};
 use super::print::warn;
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use super::place::ReportFile;
+use super::destination::ReportFile;
 use super::progress::Progress;
 use super::{Exit, Failure};
 use crate::device::{DeviceError, private};

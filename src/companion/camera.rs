@@ -402,7 +402,7 @@ impl Camera {
             return;
         }
         while self.out.len() < AHEAD && self.client.is_some() {
-            let Some(slot) = self.take() else { return };
+            let Some(slot) = self.dequeue() else { return };
             let known = self.lent.contains(&slot.id);
             let Some(client) = &self.client else { return };
             let said = if known { Ok(()) } else { client.lend(slot.id, slot.fd.as_fd()) }.and_then(|()| client.free(slot.id));
@@ -417,9 +417,9 @@ impl Camera {
     }
 
     /// A buffer to draw into. Where readers keep all of them for too long, what they claim is forgotten.
-    fn take(&mut self) -> Option<Slot> {
+    fn dequeue(&mut self) -> Option<Slot> {
         let node = self.node.as_mut()?;
-        let taken = self.spare.pop().or_else(|| node.take());
+        let taken = self.spare.pop().or_else(|| node.dequeue());
         if taken.is_some() {
             self.starved = None;
             return taken;
@@ -452,7 +452,7 @@ impl Camera {
         }
         // While the daemon is away its last picture stays: it is being restarted.
         let dark = self.client.is_some() && self.live.elapsed() >= OLD;
-        let slot = self.take().or_else(|| self.out.pop());
+        let slot = self.dequeue().or_else(|| self.out.pop());
         self.sent = Instant::now();
         let Some(slot) = slot else { return };
         if self.still.draw(&slot, dark) {

@@ -49,7 +49,7 @@ impl Server {
             return None;
         };
         let group = Some(settings.group.as_str()).filter(|group| *group != "own");
-        let place = BoundSocket::take(&path, settings.mode_bits(), group);
+        let place = BoundSocket::bind(&path, settings.mode_bits(), group);
         let server = place.and_then(|place| Self::new(place, Limits::default()).map_err(|error| error.to_string()));
         match server {
             Ok(server) => {

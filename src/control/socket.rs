@@ -65,7 +65,7 @@ impl BoundSocket {
     ///
     /// # Errors
     /// What stands in the way, and what to do.
-    pub fn take(path: &Path, mode: u32, group: Option<&str>) -> Result<Self, String> {
+    pub fn bind(path: &Path, mode: u32, group: Option<&str>) -> Result<Self, String> {
         let wrong = |what: String| format!("{}: {what}; use another control.socket", path.display());
         let cannot = |what: &'static str| move |error: io::Error| wrong(format!("cannot {what}: {error}"));
         let name = path.file_name().ok_or_else(|| wrong("is not the path of a file".into()))?;
@@ -76,7 +76,7 @@ impl BoundSocket {
         let folder = Folder::open(directory).map_err(cannot("open its directory"))?;
         let mut lock_name = name.to_owned();
         lock_name.push(".lock");
-        let lock = take_lock(&folder, &lock_name).map_err(|refused| match refused {
+        let lock = lock_file(&folder, &lock_name).map_err(|refused| match refused {
             Refused::InUse => {
                 format!("{}: in use by another daemon; use a different control.socket for each", path.display())
             }
@@ -156,7 +156,7 @@ impl From<Errno> for Refused {
 }
 
 /// Makes the lock or takes the one that is there; never waits.
-fn take_lock(folder: &Folder, name: &OsStr) -> Result<OwnedFd, Refused> {
+fn lock_file(folder: &Folder, name: &OsStr) -> Result<OwnedFd, Refused> {
     let check = |found: &Stat| foreign(found, FileType::RegularFile).map_or(Ok(()), |what| Err(Refused::Foreign(what)));
     let look = || folder.look(name).map_err(Refused::System);
     // Looked at before it is opened: a device may do something when it is.
@@ -308,10 +308,10 @@ mod tests {
     fn a_stale_socket_is_taken_over_and_a_living_one_is_not() {
         let scratch = Scratch::new("stale");
         let path = scratch.0.join("deeper").join("s");
-        let place = BoundSocket::take(&path, 0o640, None).unwrap();
+        let place = BoundSocket::bind(&path, 0o640, None).unwrap();
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o640);
         assert_eq!(fs::metadata(path.with_extension("lock")).unwrap().mode() & 0o7777, 0o600);
-        let second = BoundSocket::take(&path, 0o660, None).unwrap_err();
+        let second = BoundSocket::bind(&path, 0o660, None).unwrap_err();
         assert!(second.contains("in use by another daemon"), "{second}");
         assert!(UnixStream::connect(&path).is_ok(), "the first still listens");
         drop(place);
@@ -319,7 +319,7 @@ mod tests {
         // what a killed process leaves: the file without a lock
         drop(UnixListener::bind(&path).unwrap());
         assert!(UnixStream::connect(&path).is_err());
-        let place = BoundSocket::take(&path, 0o660, None).unwrap();
+        let place = BoundSocket::bind(&path, 0o660, None).unwrap();
         assert!(UnixStream::connect(&path).is_ok());
         fs::remove_file(&path).unwrap();
         fs::write(&path, "another's").unwrap();
@@ -333,13 +333,13 @@ mod tests {
         let half = scratch.0.join(".s.new");
         fs::create_dir(&half).unwrap();
         drop(UnixListener::bind(half.join(PREPARED)).unwrap());
-        let place = BoundSocket::take(&scratch.0.join("s"), 0o660, None).unwrap();
+        let place = BoundSocket::bind(&scratch.0.join("s"), 0o660, None).unwrap();
         assert_eq!(scratch.names(), ["s", "s.lock"]);
         drop(place);
         // but nothing is deleted that is not of it
         fs::create_dir(&half).unwrap();
         fs::write(half.join("mine"), "").unwrap();
-        let error = BoundSocket::take(&scratch.0.join("s"), 0o660, None).unwrap_err();
+        let error = BoundSocket::bind(&scratch.0.join("s"), 0o660, None).unwrap_err();
         assert!(error.contains("control.socket") && half.join("mine").exists(), "{error}");
     }
 
@@ -366,7 +366,7 @@ mod tests {
             for (make, what) in made {
                 make();
                 let before = fs::symlink_metadata(&there).unwrap();
-                let took = BoundSocket::take(&path, 0o666, None);
+                let took = BoundSocket::bind(&path, 0o666, None);
                 let fits = matches!((name, what.split(' ').nth(1)), ("s", Some("socket")) | ("s.lock", Some("regular")));
                 if fits {
                     drop(took.unwrap());
@@ -393,14 +393,14 @@ mod tests {
         fs::create_dir(scratch.0.join("real")).unwrap();
         symlink("real", scratch.0.join("ours")).unwrap();
         symlink("ours/../loop", scratch.0.join("loop")).unwrap();
-        let place = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap();
+        let place = BoundSocket::bind(&scratch.0.join("ours/s"), 0o600, None).unwrap();
         assert!(UnixStream::connect(scratch.0.join("real/s")).is_ok(), "our own are");
         drop(place);
-        let error = BoundSocket::take(&scratch.0.join("loop/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::bind(&scratch.0.join("loop/s"), 0o600, None).unwrap_err();
         assert!(error.contains("symbolic links"), "{error}");
         // where others may write, a link of ours may be exchanged for one of theirs
         fs::set_permissions(&scratch.0, fs::Permissions::from_mode(0o777)).unwrap();
-        let error = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::bind(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
         assert!(error.contains("\"ours\" is a symbolic link which another user"), "{error}");
         if !rustix::process::geteuid().is_root() {
             // Past the test harness, which keeps what a test prints to itself unless it fails.
@@ -409,7 +409,7 @@ mod tests {
         }
         fs::set_permissions(&scratch.0, fs::Permissions::from_mode(0o755)).unwrap();
         std::os::unix::fs::lchown(scratch.0.join("ours"), Some(12345), None).unwrap();
-        let error = BoundSocket::take(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
+        let error = BoundSocket::bind(&scratch.0.join("ours/s"), 0o600, None).unwrap_err();
         assert!(error.contains("another user"), "{error}");
         for name in ["s", "s.lock"] {
             let there = scratch.0.join("real").join(name);
@@ -419,7 +419,7 @@ mod tests {
                 fs::write(&there, "").unwrap()
             }
             std::os::unix::fs::chown(&there, Some(12345), None).unwrap();
-            let error = BoundSocket::take(&scratch.0.join("real/s"), 0o600, None).unwrap_err();
+            let error = BoundSocket::bind(&scratch.0.join("real/s"), 0o600, None).unwrap_err();
             assert!(error.contains("of another user (uid 12345) is in the place"), "{error}");
             fs::remove_file(&there).unwrap();
         }
@@ -429,16 +429,16 @@ mod tests {
     fn what_cannot_be_is_said() {
         let scratch = Scratch::new("cannot");
         let path = scratch.0.join("s");
-        let error = BoundSocket::take(&path, 0o660, Some("no-such-group-here")).unwrap_err();
+        let error = BoundSocket::bind(&path, 0o660, Some("no-such-group-here")).unwrap_err();
         assert!(error.contains("control.group"), "{error}");
         assert_eq!(scratch.names(), ["s.lock"], "nothing is left of it but the lock");
         let long = scratch.0.join("x".repeat(200));
-        assert!(BoundSocket::take(&long, 0o660, None).unwrap_err().contains("107 bytes"));
-        assert!(BoundSocket::take(Path::new("/proc/gimbald/s"), 0o660, None).unwrap_err().contains("control.socket"));
-        assert!(BoundSocket::take(Path::new("/dev/null/s"), 0o660, None).unwrap_err().contains("control.socket"));
-        assert!(BoundSocket::take(Path::new("/"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::bind(&long, 0o660, None).unwrap_err().contains("107 bytes"));
+        assert!(BoundSocket::bind(Path::new("/proc/gimbald/s"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::bind(Path::new("/dev/null/s"), 0o660, None).unwrap_err().contains("control.socket"));
+        assert!(BoundSocket::bind(Path::new("/"), 0o660, None).unwrap_err().contains("control.socket"));
         let own = fs::metadata(&scratch.0).unwrap().gid().to_string();
-        assert!(BoundSocket::take(&path, 0o660, Some(&own)).is_ok());
+        assert!(BoundSocket::bind(&path, 0o660, Some(&own)).is_ok());
         assert_eq!((group_id("root"), group_id("12")), (Ok(0), Ok(12)));
     }
 }

@@ -75,7 +75,7 @@ pub fn run_at_level(
             Err(error) => break Err(error),
         };
         totals.count_in(&filled, frame.cut);
-        stabilizer.take_in(frame);
+        stabilizer.push(frame);
         totals.emit_all(&mut stabilizer, sink, observer, |frame| pool.push(frame))?;
     };
     stabilizer.end();

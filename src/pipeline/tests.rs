@@ -25,7 +25,7 @@ fn replaced(count: usize, stamp_ns: impl Fn(usize, i64) -> i64) -> Vec<usize> {
         let time_ns = unusable.map_or(taken_ns, |n| stamp_ns(n, taken_ns));
         frame.stamp = Stamp { time_ns, sequence, ..Stamp::default() };
         frame.intact = unusable.is_none();
-        stabilizer.take_in(frame);
+        stabilizer.push(frame);
         if sequence == last {
             stabilizer.end();
         }

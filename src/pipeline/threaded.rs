@@ -142,7 +142,7 @@ fn carry(
                 if let Some(params) = live.changed_since(&mut seen) {
                     stabilizer.set_params(&params);
                 }
-                stabilizer.take_in(frame);
+                stabilizer.push(frame);
                 totals.emit_all(stabilizer, sink, observer, give_back)?;
             }
             Err(RecvTimeoutError::Timeout) => sink.idle()?,

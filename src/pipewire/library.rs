@@ -101,14 +101,14 @@ impl Library {
             return Err(Missing::Library(why.unwrap_or_default()));
         }
         let library = Self::filled(handle)?;
-        plugins_beside(&library.place(), &|name| std::env::var_os(name).map(PathBuf::from))?;
+        plugins_beside(&library.path(), &|name| std::env::var_os(name).map(PathBuf::from))?;
         // SAFETY: null arguments are allowed: there are none.
         unsafe { (library.init)(std::ptr::null_mut(), std::ptr::null_mut()) };
         Ok(library)
     }
 
     /// The folder that the library lies in.
-    fn place(&self) -> PathBuf {
+    fn path(&self) -> PathBuf {
         let mut info = libc::Dl_info {
             dli_fname: std::ptr::null(),
             dli_fbase: std::ptr::null_mut(),

@@ -234,7 +234,7 @@ impl Node {
     }
 
     /// A buffer to draw into; `None` where readers use all of them.
-    pub fn take(&mut self) -> Option<Slot> {
+    pub fn dequeue(&mut self) -> Option<Slot> {
         let _lock = self.lock();
         // SAFETY: the lock is held and the stream lives.
         let buffer = NonNull::new(unsafe { (self.library.stream_dequeue_buffer)(self.stream.as_ptr()) })?;

@@ -140,7 +140,7 @@ impl Timing {
         let verdict = self.verdict(off_ns, is_too_short);
         let was_late_ns = self.late_ns;
         self.remember(verdict, off_ns, is_too_short);
-        self.place(verdict, (off_ns, is_too_short), stamp.time_ns);
+        self.update_clock(verdict, (off_ns, is_too_short), stamp.time_ns);
         if is_too_short {
             self.follow_haste(verdict, passed_ns as f64 / frames as f64, stamp.time_ns);
         } else {
@@ -212,7 +212,7 @@ impl Timing {
     }
 
     /// Takes the frame as a point of the line that the period is the slope of, where it came in time.
-    fn place(&mut self, verdict: Verdict, (off_ns, is_too_short): (f64, bool), time_ns: i64) {
+    fn update_clock(&mut self, verdict: Verdict, (off_ns, is_too_short): (f64, bool), time_ns: i64) {
         if verdict == Verdict::Impossible || (verdict == Verdict::Believed && off_ns > 0.5 * self.period_ns) {
             self.line.clear();
         }

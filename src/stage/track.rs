@@ -325,7 +325,7 @@ fn descend<const N: usize>(
     for i in (0..=from).rev() {
         let scale = 1.0 / (1u32 << i) as f32;
         let here = at.map(|c| (c + 0.5) * scale - 0.5);
-        template.take(level, old.plane(i), here);
+        template.extract(level, old.plane(i), here);
         let start = way.shift.map(|s| s * scale);
         match align(level, template, new.plane(i), here, start, i == 0) {
             Some(found) => way = Way { shift: found.shift.map(|s| s / scale), ..found },

@@ -96,7 +96,7 @@ impl Warper {
         let wider = WIDE_PICTURES.iter().filter(|&&least| width >= least && !shrunk).count();
         self.wide_bits = NARROW_BITS + wider as u32;
         self.high_bits = LOW_BITS + u32::from(height >= HIGH_PICTURE);
-        self.take_nodes(map, [width, height]);
+        self.map_nodes(map, [width, height]);
         let chroma = lattice(output.sampling, self.siting).filter(|_| input.sampling == output.sampling);
         let barred = width * input.height() != height * input.width();
         let outside = |black: u8| match self.border {
@@ -118,7 +118,7 @@ impl Warper {
     }
 
     /// Asks `map` where the nodes come from.
-    fn take_nodes(&mut self, map: &OutputMap, [width, height]: [usize; 2]) {
+    fn map_nodes(&mut self, map: &OutputMap, [width, height]: [usize; 2]) {
         self.columns = width.div_ceil(1 << self.wide_bits) + 1;
         let rows = height.div_ceil(1 << self.high_bits) + 1;
         self.nodes.iter_mut().for_each(|nodes| nodes.resize(self.columns * rows, 0));

@@ -139,7 +139,7 @@ impl RecordingBackend {
                 (frame.stamp.time_ns, frame.stamp.sequence) = (time_ns, index);
                 frame.intact = decoder.decode(&raw, &mut frame.picture).is_ok();
                 frame.cut = frame.intact && decoder.is_cut();
-                stabilizer.take_in(frame);
+                stabilizer.push(frame);
                 while stabilizer.emit(&mut sink, &mut publisher).map_err(text)?.is_some() {}
                 pool.extend(std::iter::from_fn(|| stabilizer.give_back()));
             }

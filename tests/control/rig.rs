@@ -94,7 +94,7 @@ pub fn served(name: &str, limits: Limits, act: impl FnOnce(&Scratch, &Arc<Daemon
 /// The same with all there is to choose.
 pub fn served_with(scratch: Scratch, mode: u32, limits: Limits, read: Reread, act: impl FnOnce(&Scratch, &Arc<DaemonState>)) {
     let state = Arc::new(DaemonState::new(Settings::default(), Systemd::disconnected(), read));
-    let place = BoundSocket::take(&scratch.socket(), mode, None).unwrap();
+    let place = BoundSocket::bind(&scratch.socket(), mode, None).unwrap();
     let server = Server::new(place, limits).unwrap();
     let done = Notifier::new().unwrap();
     std::thread::scope(|scope| {

@@ -54,7 +54,7 @@ impl TestDaemon {
             Box::new(|| Err("there is no file".into())),
         ));
         let control =
-            control::Server::new(BoundSocket::take(&place.join("control.sock"), 0o600, None).unwrap(), Limits::default())
+            control::Server::new(BoundSocket::bind(&place.join("control.sock"), 0o600, None).unwrap(), Limits::default())
                 .unwrap();
         let pictures = Server::open(&place).unwrap();
         let companions = pictures.companions().clone();

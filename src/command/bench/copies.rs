@@ -44,7 +44,7 @@ impl Copies {
     }
 
     /// Copies once through memory and some times in cache.
-    pub fn take(&mut self) {
+    pub fn measure(&mut self) {
         let at = self.next..self.next + self.bytes;
         self.next = if at.end == self.to.len() { 0 } else { at.end };
         for n in 0..=COPIES {
@@ -79,7 +79,7 @@ mod tests {
         let mut copies = Copies::new(RING / 3 + 5);
         assert_eq!(copies.times(), CopyTimes::default());
         for _ in 0..4 {
-            copies.take();
+            copies.measure();
             assert!(copies.next < copies.to.len() && copies.next.is_multiple_of(copies.bytes));
         }
         let times = copies.times();

@@ -146,7 +146,7 @@ impl FrameSource for Until<'_> {
         if self.stop.is_set() {
             return Ok(crate::device::Lent::End);
         }
-        self.copies.take();
+        self.copies.measure();
         self.source.lend()
     }
 }

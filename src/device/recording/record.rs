@@ -42,7 +42,7 @@ pub(super) struct Header {
 struct Numbers<'a>(&'a [u8]);
 
 impl Numbers<'_> {
-    fn take<const N: usize>(&mut self) -> [u8; N] {
+    fn next_bytes<const N: usize>(&mut self) -> [u8; N] {
         match self.0.split_first_chunk() {
             Some((bytes, rest)) => {
                 self.0 = rest;
@@ -53,7 +53,7 @@ impl Numbers<'_> {
     }
 
     fn u32(&mut self) -> u32 {
-        u32::from_le_bytes(self.take())
+        u32::from_le_bytes(self.next_bytes())
     }
 }
 
@@ -73,7 +73,7 @@ pub(super) fn check_head(bytes: &[u8; HEAD]) -> Result<(), String> {
         return Err("it does not begin as a recording does".into());
     }
     let mut numbers = Numbers(&bytes[8..]);
-    let (version, _, crc) = (u16::from_le_bytes(numbers.take()), numbers.take::<2>(), numbers.u32());
+    let (version, _, crc) = (u16::from_le_bytes(numbers.next_bytes()), numbers.next_bytes::<2>(), numbers.u32());
     if crc != crc32fast::hash(&bytes[..12]) {
         return Err("its head (bytes 0 to 15) is damaged".into());
     }
@@ -108,10 +108,10 @@ impl Header {
     /// `None` where the bytes are damaged.
     pub(super) fn from_bytes(bytes: &[u8; HEADER]) -> Option<Self> {
         let mut numbers = Numbers(bytes);
-        let (kind, len) = (numbers.take(), numbers.u32());
+        let (kind, len) = (numbers.next_bytes(), numbers.u32());
         let stamp = Stamp {
-            time_ns: i64::from_le_bytes(numbers.take()),
-            sequence: u64::from_le_bytes(numbers.take()),
+            time_ns: i64::from_le_bytes(numbers.next_bytes()),
+            sequence: u64::from_le_bytes(numbers.next_bytes()),
             flags: FrameFlags(numbers.u32()),
         };
         let payload_crc = numbers.u32();
@@ -153,14 +153,14 @@ pub(super) fn parse_format(bytes: &[u8]) -> Result<(StreamFormat, String), Strin
         return Err(format!("its format has {} bytes, expected {FORMAT} to {}", bytes.len(), FORMAT + LONGEST_NAME));
     }
     let mut numbers = Numbers(bytes);
-    let code: [u8; 4] = numbers.take();
+    let code: [u8; 4] = numbers.next_bytes();
     let pixel = PixelFormat::from_fourcc(code)
         .ok_or_else(|| format!("its pixel format {:?} is not one that gimbald reads", String::from_utf8_lossy(&code)))?;
     let (width, height, stride) = (numbers.u32(), numbers.u32(), numbers.u32() as usize);
     let interval = (numbers.u32(), numbers.u32());
     let aspect = (numbers.u32(), numbers.u32());
-    let [range, siting] = numbers.take();
-    let name = bytes.get(FORMAT..FORMAT + usize::from(u16::from_le_bytes(numbers.take()))).unwrap_or_default();
+    let [range, siting] = numbers.next_bytes();
+    let name = bytes.get(FORMAT..FORMAT + usize::from(u16::from_le_bytes(numbers.next_bytes()))).unwrap_or_default();
     let colour = Colour {
         range: [Range::Unknown, Range::Limited, Range::Full].get(usize::from(range)).copied().unwrap_or_default(),
         siting: [Siting::Centre, Siting::Left, Siting::TopLeft].get(usize::from(siting)).copied().unwrap_or_default(),

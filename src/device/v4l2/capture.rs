@@ -278,7 +278,7 @@ impl Capture {
 
     /// Takes the frames that are there, in order. Where all buffers are full the driver loses frames, and the picture is late: then
     /// only the newest is kept.
-    fn take_in(&mut self) -> Result<(), Errno> {
+    fn receive(&mut self) -> Result<(), Errno> {
         while self.ready.len() < self.queue.len() {
             let Some(returned) = self.queue.dequeue()? else { break };
             let now_ns = monotonic_ns();
@@ -367,7 +367,7 @@ impl FrameSource for Capture {
             if events.contains(PollFlags::HUP) {
                 return Err(DeviceError::Gone { path: self.path().to_path_buf() });
             }
-            match self.take_in() {
+            match self.receive() {
                 // POLLERR stays until something is done about it.
                 Ok(()) if self.ready.is_empty() && events.intersects(PollFlags::ERR | PollFlags::NVAL) => {
                     self.recover("stream from", Errno::IO)?;

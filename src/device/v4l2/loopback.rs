@@ -122,7 +122,7 @@ impl Loopback {
         let Some(whole) = format.frame_bytes() else {
             return refuse(format!("frames of {}x{} are too large", format.width, format.height));
         };
-        let turns = takes_turns(&node);
+        let turns = uses_turns(&node);
         let queue = Queue::new(node, Direction::Output, params.buffers.clamp(2, 32))?;
         if queue.len() == 0 || queue.capacity() < whole {
             let (count, size) = (queue.len(), queue.capacity());
@@ -206,8 +206,8 @@ impl Loopback {
         let Some(last) = self.last else { return Ok(()) };
         // What a reader may be looking at is not queued a second time, but copied.
         let other = if self.turns {
-            self.queue.take_back(last);
-            self.take_turn()?.filter(|&index| index != last)
+            self.queue.reclaim(last);
+            self.next_in_turn()?.filter(|&index| index != last)
         } else {
             // v4l2loopback never says that it has none to give back: ask once for each.
             for _ in 0..self.queue.len() {
@@ -237,15 +237,15 @@ impl Loopback {
         Ok(())
     }
 
-    /// As [`Queue::take_next`].
-    fn take_turn(&mut self) -> Result<Option<usize>, DeviceError> {
-        self.queue.take_next(self.last).map_err(|errno| self.queue.node().error("choose a buffer of", errno))
+    /// As [`Queue::reclaim_next`].
+    fn next_in_turn(&mut self) -> Result<Option<usize>, DeviceError> {
+        self.queue.reclaim_next(self.last).map_err(|errno| self.queue.node().error("choose a buffer of", errno))
     }
 
     /// A buffer to fill: one that is ours, else one the driver is done with, else none. Never waits.
     fn free_buffer(&mut self) -> Result<Option<usize>, DeviceError> {
         if self.turns {
-            return self.take_turn();
+            return self.next_in_turn();
         }
         if let Some(index) = self.queue.free() {
             return Ok(Some(index));
@@ -325,8 +325,8 @@ fn check_output(node: &Node) -> Result<bool, DeviceError> {
     Ok(was_kept)
 }
 
-/// Whether this is a v4l2loopback older than 0.15, whose buffers have to be used in turn ([`Queue::take_next`]).
-fn takes_turns(node: &Node) -> bool {
+/// Whether this is a v4l2loopback older than 0.15, whose buffers have to be used in turn ([`Queue::reclaim_next`]).
+fn uses_turns(node: &Node) -> bool {
     node.identity().is_ok_and(|identity| identity.driver == LOOPBACK_DRIVER)
         && LoopbackVersion::parse(&std::fs::read_to_string(version::FILE).unwrap_or_default()) < LoopbackVersion::ANY_BUFFER
 }

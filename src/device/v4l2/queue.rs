@@ -28,7 +28,7 @@ pub(super) struct Returned {
 /// since queueing takes `&mut self`, no borrow of them outlives that.
 ///
 /// That is what keeps *us* from reading a frame that is being overwritten. It does not keep others from writing: every process that
-/// may open the node can map the same buffers, a loopback's readers all do, and a driver that was not asked ([`Queue::take_back`]) may
+/// may open the node can map the same buffers, a loopback's readers all do, and a driver that was not asked ([`Queue::reclaim`]) may
 /// still use a buffer. Bytes of a mapping can therefore change at any time, between two reads of one byte as well. A reader of them
 /// must need nothing of them: either samples, which decide no address and no length, or one copy into private memory, which is then
 /// looked at in the mapping's place.
@@ -102,7 +102,7 @@ impl Queue {
     pub(super) fn bytes(&self, index: usize) -> &[u8] {
         match self.mappings.get(index) {
             // SAFETY: mapped by `new` with this length until Drop, and readable. No reference of this process writes it while the
-            // borrow of `self` lasts: `bytes_mut` and `enqueue` need `&mut self`. Other processes, and after `take_back` the driver, may
+            // borrow of `self` lasts: `bytes_mut` and `enqueue` need `&mut self`. Other processes, and after `reclaim` the driver, may
             // write it all the same. The compiler cannot know, and that is why nothing may be concluded from these bytes before they
             // are copied (see `Queue`): the frame path copies compressed frames before it looks at them (stage/unpack/mjpeg) and of raw
             // ones reads samples, whose values no address depends on.
@@ -114,7 +114,7 @@ impl Queue {
     /// The bytes of buffer `index`, to write; none while it is the driver's.
     pub(super) fn bytes_mut(&mut self, index: usize) -> &mut [u8] {
         match self.mappings.get_mut(index) {
-            // SAFETY: as for `bytes`; mapped writable, and `&mut self` makes this the only reference of this process. After `take_back`
+            // SAFETY: as for `bytes`; mapped writable, and `&mut self` makes this the only reference of this process. After `reclaim`
             // the driver may still be handing the buffer to readers, who then see it change: they are other processes with mappings
             // of their own, and what they read is up to them. Nothing here depends on what is read back.
             Some(mapping) if !mapping.queued => unsafe {
@@ -152,18 +152,18 @@ impl Queue {
     /// The buffer whose turn it is after `last`, taken back though the driver does not give it: for v4l2loopback before 0.15, which
     /// gives the one that was queued last, at which readers are looking. A reader that asked for fewer buffers than there are has
     /// made them fewer since: an index beyond them means another buffer then, and it is that one's turn.
-    pub(super) fn take_next(&mut self, last: Option<usize>) -> Result<Option<usize>, Errno> {
+    pub(super) fn reclaim_next(&mut self, last: Option<usize>) -> Result<Option<usize>, Errno> {
         let Some(next) = last.map_or(0, |last| last + 1).checked_rem(self.mappings.len()) else { return Ok(None) };
         let (offset, _) = self.node.query_buffer(self.direction, u32::try_from(next).map_err(|_| Errno::INVAL)?)?;
         let index = self.mappings.iter().position(|mapping| mapping.offset == offset).unwrap_or(next);
-        self.take_back(index);
+        self.reclaim(index);
         Ok(Some(index))
     }
 
-    /// Makes a buffer ours without asking the driver, as [`Queue::take_next`]: v4l2loopback copies no frames, it only tells readers
+    /// Makes a buffer ours without asking the driver, as [`Queue::reclaim_next`]: v4l2loopback copies no frames, it only tells readers
     /// which buffer is the newest, and writes to none. To the driver the buffer stays queued; being queued once more does it no harm. So
     /// "free" then means that no other part of this process has it, not that no reader looks at it.
-    pub(super) fn take_back(&mut self, index: usize) {
+    pub(super) fn reclaim(&mut self, index: usize) {
         if let Some(mapping) = self.mappings.get_mut(index) {
             mapping.queued = false;
         }

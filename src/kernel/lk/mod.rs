@@ -194,7 +194,7 @@ impl<const N: usize> Template<N> {
     /// Samples the patch around `centre` (x, y) of `plane` by bilinear interpolation, edges repeated, and prepares its
     /// gradients (central differences).
     #[inline]
-    pub fn take(&mut self, level: Level, plane: PlaneRef<'_>, centre: [f32; 2]) {
+    pub fn extract(&mut self, level: Level, plane: PlaneRef<'_>, centre: [f32; 2]) {
         let reach = (N as f32 + 1.0) / 2.0;
         // one sample more on each side than the patch, for the central differences
         let window = window(&plane, &mut self.scratch, centre.map(|c| c - reach), N + 2);

@@ -34,7 +34,7 @@ fn bits<const N: usize>(template: &Template<N>) -> (Vec<i16>, Vec<u32>) {
 fn levels_agree<const N: usize>(from: PlaneRef<'_>, to: PlaneRef<'_>, at: [f32; 2], there: [f32; 2]) {
     let mut found = Level::all().map(|level| {
         let mut template = Template::<N>::default();
-        template.take(level, from, at);
+        template.extract(level, from, at);
         (bits(&template), template.compare(level, to, there))
     });
     let first = found.next().unwrap();
@@ -106,7 +106,7 @@ fn whole_numbers_say_what_real_ones_say() {
     };
     for (at, there) in [([30.3, 31.8], [30.9, 31.1]), ([20.5, 25.25], [19.0, 25.5]), ([33.0, 33.0], [33.0, 33.0])] {
         let mut template = Template::<N>::default();
-        template.take(Level::SCALAR, from.as_ref(), at.map(|c| c as f32));
+        template.extract(Level::SCALAR, from.as_ref(), at.map(|c| c as f32));
         let step = template.compare(Level::SCALAR, to.as_ref(), there.map(|c| c as f32));
         let places: Vec<[f64; 2]> = (0..N * N).map(|i| [(i % N) as f64 - 7.5, (i / N) as f64 - 7.5]).collect();
         let values: Vec<f64> = places.iter().map(|p| sample(&from, at[0] + p[0], at[1] + p[1])).collect();

@@ -44,7 +44,7 @@ fn levels_agree<const N: usize>(random: &mut Random, from: PlaneRef<'_>, to: Pla
         numbers.map(f32::to_bits).collect::<Vec<_>>()
     };
     let mut found = Level::all().zip(templates).map(|(level, template)| {
-        template.take(level, from, at);
+        template.extract(level, from, at);
         bits(template.compare(level, to, there), template)
     });
     let first = found.next().expect("the plain level");
@@ -74,7 +74,7 @@ fn a_plane_without_samples_shows_nothing() {
     for level in Level::all() {
         let mut template = Template::<16>::default();
         expect(empty, place, 16);
-        template.take(level, empty, place);
+        template.extract(level, empty, place);
         assert_eq!(template.compare(level, empty, place), Step::default());
     }
 }

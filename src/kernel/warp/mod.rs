@@ -91,7 +91,7 @@ fn is_inside(plane: PlaneRef<'_>, filter: Filter, [low, high]: [[i64; 2]; 2]) ->
 
 /// The place of a line's pixel `n`.
 #[inline(always)]
-fn place(start: i32, step: i32, n: i32) -> i32 {
+fn position(start: i32, step: i32, n: i32) -> i32 {
     (start.wrapping_add(step.wrapping_mul(n & !7)) & !15).wrapping_add((step & !15).wrapping_mul(n & 7))
 }
 
@@ -115,7 +115,7 @@ fn scalar_of<const N: usize>(
     blend: impl Fn([[u8; N]; N], i32, i32) -> u8,
 ) {
     let size = [plane.width(), plane.height()].map(|size| size.min(LARGEST) as i32);
-    let along = |axis: usize, n: usize| place(start[axis], step[axis], n as i32);
+    let along = |axis: usize, n: usize| position(start[axis], step[axis], n as i32);
     let last = out.len().saturating_sub(1) as i64;
     let end = |axis: usize| i64::from(start[axis]).saturating_add(i64::from(step[axis]).saturating_mul(last));
     let corner = |pick: fn(i64, i64) -> i64| [0, 1].map(|axis| pick(start[axis].into(), end(axis)));

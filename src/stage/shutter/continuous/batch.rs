@@ -4,7 +4,7 @@
 //! control points; the flow's two bins at its row are two more. Most tracks share their ten points with many others; so they are sorted by them, and summed and evaluated run by
 //! run ([`normal`]). What does not change from one round of weighing to the next is prepared once.
 
-use super::filter::{Filter, Place};
+use super::filter::{Filter, SplinePoint};
 use super::flow::{self, BINS};
 use super::normal::G;
 use crate::geometry::{PerChannel, Pose};
@@ -29,7 +29,7 @@ pub struct Batch {
     /// Control points and number of each measurement, sorted.
     keys: Vec<u32>,
     /// By number: places of the two moments.
-    places: Vec<[Place; 2]>,
+    places: Vec<[SplinePoint; 2]>,
     /// By number: where on the flow, the weights times the seconds between both moments.
     flows: Vec<flow::Row>,
     // the following in the order of the keys
@@ -78,7 +78,7 @@ impl Batch {
     }
 
     /// Adds a measurement between two moments, the sooner first. To be followed by [`Batch::prepare`].
-    pub fn push(&mut self, filter: &Filter, moments: [Place; 2], flow: flow::Row) {
+    pub fn push(&mut self, filter: &Filter, moments: [SplinePoint; 2], flow: flow::Row) {
         let points = match moments.map(|place| filter.offset(&place)) {
             [Some(sooner), Some(later)] => (sooner as u32) << POINT_BITS | later as u32,
             _ => NOWHERE,

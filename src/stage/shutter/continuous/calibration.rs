@@ -267,7 +267,7 @@ impl Calibrator {
     /// counts that depends on it. To be called after [`Filter::accept`].
     pub fn follow(&mut self, times: &Times, filter: &mut Filter) {
         if self.unknown != [false; G] && times.error.is_some() {
-            self.take_over(times.interval_s, filter);
+            self.update(times.interval_s, filter);
         }
         // the rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures confirm it
         let believed_s = self.readout_s();
@@ -282,7 +282,7 @@ impl Calibrator {
         (2.0 - 4.0 * left).clamp(0.0, 1.0)
     }
 
-    fn take_over(&mut self, interval_s: f64, filter: &mut Filter) {
+    fn update(&mut self, interval_s: f64, filter: &mut Filter) {
         let marginal = filter.marginal();
         let wanted = self.evidence.add(&marginal);
         let readout_s = self.readout_s();

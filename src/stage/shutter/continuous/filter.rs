@@ -27,7 +27,7 @@ pub struct MotionPrior {
 
 /// A moment as the spline sees it: the first of the four control points that matter, and their weights.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct SplinePoint {
     first: i64,
     pub(super) weights: [f64; 4],
     /// Their derivative by time, 1 / s.
@@ -154,7 +154,7 @@ impl Filter {
         let n = self.unknowns();
         self.base.eliminate(FLOWS, n, n);
         self.spacing_s = spacing_s;
-        self.first = self.place(time_s).first;
+        self.first = self.locate(time_s).first;
         self.points = 0;
         self.fresh = 0;
         for i in 0..2 {
@@ -171,7 +171,7 @@ impl Filter {
 
     /// Holds the path to `pose` at `time_s`, for certain.
     pub fn pin(&mut self, time_s: f64, pose: Pose) {
-        let Place { first, weights, .. } = self.place(time_s);
+        let SplinePoint { first, weights, .. } = self.locate(time_s);
         let information = 1.0 / (PIN * PIN);
         for (i, wi) in weights.into_iter().enumerate() {
             for (c, value) in pose.0.iter().enumerate() {
@@ -187,7 +187,7 @@ impl Filter {
 
     /// Where a moment lies on the spline.
     #[inline]
-    pub fn place(&self, time_s: f64) -> Place {
+    pub fn locate(&self, time_s: f64) -> SplinePoint {
         let s = time_s / self.spacing_s;
         let floor = s.floor();
         let u = s - floor;
@@ -200,13 +200,13 @@ impl Filter {
         ];
         let rate = 0.5 / self.spacing_s;
         let rates = [-rate * (1.0 - 2.0 * u + u2), rate * (3.0 * u2 - 4.0 * u), rate * (1.0 + 2.0 * u - 3.0 * u2), rate * u2];
-        Place { first: floor as i64 - 1, weights, rates }
+        SplinePoint { first: floor as i64 - 1, weights, rates }
     }
 
     /// Adds control points until `time_s` can be evaluated, each with its prior. False where that would be too many: then the
     /// filter must restart.
     pub fn extend_to(&mut self, time_s: f64) -> bool {
-        let last = self.place(time_s).first + 3;
+        let last = self.locate(time_s).first + 3;
         if last - self.first >= MAX_POINTS as i64 || self.points < 2 {
             return false;
         }
@@ -219,7 +219,7 @@ impl Filter {
     /// The path at a moment between the first and last control point.
     #[inline]
     pub fn pose(&self, time_s: f64) -> Pose {
-        let Place { first, weights, .. } = self.place(time_s);
+        let SplinePoint { first, weights, .. } = self.locate(time_s);
         let mut pose = Pose::default();
         for (i, weight) in weights.into_iter().enumerate() {
             let point = ((first + i as i64 - self.first).max(0) as usize).min(self.points.saturating_sub(1));
@@ -324,7 +324,7 @@ impl Filter {
 
     /// Where among the control points held those of a moment begin; `None` where they are not held.
     #[inline]
-    pub fn offset(&self, place: &Place) -> Option<usize> {
+    pub fn offset(&self, place: &SplinePoint) -> Option<usize> {
         let held = place.first >= self.first && place.first + 4 <= self.first + self.points as i64;
         held.then(|| (place.first - self.first) as usize)
     }
@@ -384,11 +384,11 @@ impl Filter {
     /// Standard deviations of the difference of the poses at two moments, after [`Filter::solve`].
     pub fn deviation(&self, sooner_s: f64, later_s: f64) -> PerChannel {
         let n = self.unknowns();
-        let moments = [(self.place(sooner_s), -1.0), (self.place(later_s), 1.0)];
+        let moments = [(self.locate(sooner_s), -1.0), (self.locate(later_s), 1.0)];
         let from = FLOWS + 4 * self.held_point(moments[0].0.first.min(moments[1].0.first));
         std::array::from_fn(|c| {
             let mut function = [0.0; N];
-            for (Place { first, weights, .. }, sign) in &moments {
+            for (SplinePoint { first, weights, .. }, sign) in &moments {
                 for (i, weight) in weights.iter().enumerate() {
                     function[FLOWS + 4 * self.held_point(first + i as i64) + c] += sign * weight;
                 }
@@ -404,7 +404,7 @@ impl Filter {
 
     /// How the pose at a moment depends on the calibration, after [`Filter::solve`] and before [`Filter::accept`].
     pub fn sensitivity(&self, time_s: f64) -> [PerChannel; G] {
-        let Place { first, weights, .. } = self.place(time_s);
+        let SplinePoint { first, weights, .. } = self.locate(time_s);
         let points: [usize; 4] = std::array::from_fn(|i| FLOWS + 4 * self.held_point(first + i as i64));
         self.solution
             .sensitivity(points[0])
@@ -437,7 +437,7 @@ impl Filter {
         let n = self.unknowns();
         self.base.copy_from(&self.full, n);
         self.fresh = 0;
-        let keep_from = (self.place(time_s).first - self.first).clamp(0, self.points as i64 - 3) as usize;
+        let keep_from = (self.locate(time_s).first - self.first).clamp(0, self.points as i64 - 3) as usize;
         if keep_from == 0 {
             return;
         }
@@ -482,7 +482,7 @@ mod tests {
         let mut wanted = filter.full.clone();
         let mut seen = Vec::new();
         for i in 0..37 {
-            let places = moments(i, &mut random).map(|time| filter.place(time));
+            let places = moments(i, &mut random).map(|time| filter.locate(time));
             let derivative: [PerChannel; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random()));
             let value = [random(), random()];
             let by_parameter: [[f64; 2]; G] = std::array::from_fn(|_| [random(), random()]);

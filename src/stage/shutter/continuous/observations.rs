@@ -66,7 +66,7 @@ impl Observations {
             let moments = [times.before_s + calibrator.delay(track.from[1]), times.now_s + calibrator.delay(track.to[1])];
             let row = middle[1] / calibrator.size[1] as f64 - 0.5;
             let flow_row = Row::new(row + 0.5, times.interval_s);
-            self.batch.push(filter, moments.map(|moment| filter.place(moment)), flow_row);
+            self.batch.push(filter, moments.map(|moment| filter.locate(moment)), flow_row);
             let flow = filter.flow_at(&flow_row);
             let turned = [moved[0] - flow.dot(&derivative[0]), moved[1] - flow.dot(&derivative[1])];
             self.sights.push(Sight { turned, derivative, row, weight: 1.0 });

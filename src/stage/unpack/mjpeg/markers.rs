@@ -256,13 +256,13 @@ impl<'a> Extraction<'a> {
         if !whole {
             return Err(damaged("a table is not as long as it says"));
         }
-        self.take_over(length);
+        self.copy_segment(length);
         self.set_transform();
         Ok(())
     }
 
     /// Copies the segment whose marker was just read and whose payload has `length` bytes.
-    fn take_over(&mut self, length: usize) {
+    fn copy_segment(&mut self, length: usize) {
         let end = self.at + 2 + length;
         self.into.push(0xff);
         self.into.extend_from_slice(&self.raw[self.at - 1..end]);
@@ -325,7 +325,7 @@ impl<'a> Extraction<'a> {
         }
         self.header = Some(Header { by_units: header.by_units || count == header.count, ..header });
         self.tables.check(&header, &payload[1..1 + 2 * count])?;
-        self.take_over(length);
+        self.copy_segment(length);
         if header.sequential {
             // Some cameras leave other numbers there, which the decoder complains of and ignores.
             let end = self.into.len();
