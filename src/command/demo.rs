@@ -7,9 +7,9 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use super::destination::ReportFile;
 use super::interrupt::stop_on_signal;
 use super::measure::{Shake, measure};
-use super::destination::ReportFile;
 use super::print::written_or_closed;
 use super::progress::Progress;
 use super::record::positive;

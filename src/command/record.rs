@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::check::frames_text;
-use super::interrupt::stop_on_signal;
 use super::destination::RECORDING;
+use super::interrupt::stop_on_signal;
 use super::print::warn;
 use super::progress::Progress;
 use super::{Exit, Failure, SettingsArgs};

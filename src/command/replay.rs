@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::interrupt::stop_on_signal;
 use super::destination::{Making, RECORDING, ReportFile, all_differ, open_sink};
+use super::interrupt::stop_on_signal;
 use super::print::warn;
 use super::watch::Watch;
 use super::{Exit, Failure, SettingsArgs};

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::client::Target;
-use super::interrupt::stop_on_signal;
 use super::destination::ReportFile;
+use super::interrupt::stop_on_signal;
 use super::print::{print, warn};
 use super::progress::Progress;
 use super::view::daemon_backend;

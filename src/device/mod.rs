@@ -1,6 +1,6 @@
-//! The world: where frames come from and where they go. Real cameras and their fakes are siblings behind two traits.
+//! Where frames come from and where they go. Real cameras and synthetic ones implement the same two traits.
 //!
-//! A source *lends* frames: the bytes belong to the driver's buffer or the file's page and come home when the borrow ends, so
+//! A source *lends* frames: the bytes belong to the driver's buffer or the file's page and are returned when the borrow ends, so
 //! memory that is being written again cannot be read. A sink lends its canvas, so the warp can write straight into it.
 
 pub mod digest;
@@ -14,6 +14,7 @@ pub mod recording;
 pub mod rehearsal;
 pub mod replay;
 pub mod synthetic;
+mod version;
 pub(crate) mod video;
 pub mod y4m;
 

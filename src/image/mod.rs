@@ -15,5 +15,5 @@ pub use picture::{Picture, PictureMut, PictureRef, Sampling};
 pub use plane::{Plane, PlaneMut, PlaneRef};
 pub use raw::RawLayout;
 
-/// Width and height of a camera's picture, at most.
+/// Width and height of a picture, at most, wherever it comes from.
 pub const MAX_SIDE: u32 = 8192;

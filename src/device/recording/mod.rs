@@ -51,6 +51,3 @@ pub use writer::{RecordingSink, RecordingWriter};
 
 /// What a recording begins with.
 pub(super) const MAGIC: &[u8; 8] = b"\x89GBR\r\n\x1a\n";
-
-/// The widest and highest picture there can be, pixels.
-pub const LARGEST: u32 = 8192;

@@ -1,9 +1,9 @@
 //! Heads, record headers and formats as bytes, and back.
 
-use super::{LARGEST, MAGIC};
+use super::MAGIC;
 use crate::device::StreamFormat;
 use crate::frame::{FrameFlags, Stamp};
-use crate::image::{Colour, MAX_COMPRESSED_PIXELS, PixelFormat, Range, RawLayout, Siting};
+use crate::image::{Colour, MAX_COMPRESSED_PIXELS, MAX_SIDE, PixelFormat, Range, RawLayout, Siting};
 
 /// The version that is written, and the only one that is read.
 const VERSION: u16 = 1;
@@ -173,9 +173,9 @@ pub(super) fn parse_format(bytes: &[u8]) -> Result<(StreamFormat, String), Strin
 /// The most bytes that a frame of `format` may have; a sentence where the format makes no sense.
 pub(super) fn longest_frame(format: &StreamFormat) -> Result<usize, String> {
     let StreamFormat { width, height, stride, pixel, .. } = *format;
-    let sizes = 1..=LARGEST;
+    let sizes = 1..=MAX_SIDE;
     if !sizes.contains(&width) || !sizes.contains(&height) {
-        return Err(format!("its pictures are {width}x{height}, expected 1x1 to {LARGEST}x{LARGEST}"));
+        return Err(format!("its pictures are {width}x{height}, expected 1x1 to {MAX_SIDE}x{MAX_SIDE}"));
     }
     if pixel.is_too_large(width, height) {
         return Err(format!(
@@ -185,7 +185,7 @@ pub(super) fn longest_frame(format: &StreamFormat) -> Result<usize, String> {
     if pixel.is_compressed() {
         return Ok(4 * width as usize * height as usize + SLACK);
     }
-    let widest = 8 * LARGEST as usize;
+    let widest = 8 * MAX_SIDE as usize;
     let bytes = RawLayout::new(pixel, width, height, stride).filter(|_| stride <= widest).and_then(|_| format.frame_bytes());
     let bytes = bytes.ok_or_else(|| {
         let least = pixel.tight_stride(width);

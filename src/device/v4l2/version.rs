@@ -1,5 +1,7 @@
 //! The version of v4l2loopback, which decides what the module can do.
 
+use crate::device::version::major_minor;
+
 /// Where a loaded module says its version; modules before 0.13 do not.
 pub(super) const FILE: &str = "/sys/module/v4l2loopback/version";
 
@@ -15,8 +17,8 @@ impl LoopbackVersion {
 
     /// The version in a text like "0.12.7".
     pub fn parse(text: &str) -> Self {
-        let mut numbers = text.trim().split('.').map(|number| number.parse().unwrap_or(0));
-        Self(numbers.next().unwrap_or(0), numbers.next().unwrap_or(0))
+        let (major, minor) = major_minor(text);
+        Self(major, minor)
     }
 }
 

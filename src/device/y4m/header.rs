@@ -1,8 +1,8 @@
 //! The y4m header line, from words to a format and back.
 
-use super::{LARGEST, MAGIC};
+use super::MAGIC;
 use crate::device::StreamFormat;
-use crate::image::{Colour, PixelFormat, Range, Siting};
+use crate::image::{Colour, MAX_SIDE, PixelFormat, Range, Siting};
 use std::fmt::Write as _;
 
 /// What a header line says.
@@ -84,8 +84,8 @@ pub(super) fn parse(line: &[u8]) -> Result<Header, String> {
 }
 
 fn size(name: &str, value: &str) -> Result<u32, String> {
-    let number = value.parse().ok().filter(|n| (1..=LARGEST).contains(n));
-    number.ok_or_else(|| format!("its {name} is {value:?}, expected 1 to {LARGEST}"))
+    let number = value.parse().ok().filter(|n| (1..=MAX_SIDE).contains(n));
+    number.ok_or_else(|| format!("its {name} is {value:?}, expected 1 to {MAX_SIDE}"))
 }
 
 fn ratio(name: &str, value: &str) -> Result<(u32, u32), String> {

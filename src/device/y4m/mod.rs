@@ -1,7 +1,7 @@
 //! y4m (YUV4MPEG2): the plain video that every tool can write and read through a pipe.
 //!
 //! Read: 4:2:0 (with `C420jpeg`, `C420mpeg2`, `C420paldv` for the place of chroma), 4:2:2, 4:4:4, 4:1:1 (which becomes 4:2:2), mono; 8
-//! bits; progressive; at most [`LARGEST`] pixels wide and high. Chroma is named by `C`, or where that is missing by `XYSCSS=`; a header
+//! bits; progressive; at most [`MAX_SIDE`](crate::image::MAX_SIDE) pixels wide and high. Chroma is named by `C`, or where that is missing by `XYSCSS=`; a header
 //! with neither means `C420jpeg`. Parameters of single frames are skipped.
 //! `XCOLORRANGE=FULL` and `=LIMITED` are understood and written. A rate of 0 (unknown) is taken as 25 frames a second.
 
@@ -14,9 +14,6 @@ mod tests;
 
 pub use reader::Y4mSource;
 pub use writer::Y4mSink;
-
-/// The widest and highest picture that is read, pixels.
-pub const LARGEST: u32 = 8192;
 
 /// What a y4m stream begins with.
 pub(super) const MAGIC: &[u8] = b"YUV4MPEG2";

@@ -4,13 +4,10 @@ mod mjpeg;
 
 use std::borrow::Cow;
 
-use crate::image::{FromRgb, Picture, PixelFormat, PlaneRef, Range, RawLayout, Sampling, ToLimited};
+use crate::image::{FromRgb, MAX_SIDE, Picture, PixelFormat, PlaneRef, Range, RawLayout, Sampling, ToLimited};
 use crate::kernel::Level;
 use crate::kernel::convert::{self, LumaFirst, NEUTRAL, RgbOrder};
 use mjpeg::Mjpeg;
-
-/// The widest or highest picture that is unpacked, pixels.
-pub const LARGEST: u32 = 8192;
 
 /// Why a frame could not be unpacked. The picture's samples are then unspecified.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -27,7 +24,7 @@ pub enum UnpackError {
     },
     /// The stream's size or stride makes no sense.
     #[error(
-        "a {format} frame of {width}x{height} with rows of {stride} bytes is not possible (at most {LARGEST}x{LARGEST}, compressed 7680x4320)"
+        "a {format} frame of {width}x{height} with rows of {stride} bytes is not possible (at most {MAX_SIDE}x{MAX_SIDE}, compressed 7680x4320)"
     )]
     Impossible {
         /// The format.
@@ -120,7 +117,7 @@ impl Unpack {
         into: &mut Picture,
     ) -> Result<(), UnpackError> {
         let impossible = UnpackError::Impossible { format, width, height, stride };
-        if width == 0 || height == 0 || width > LARGEST || height > LARGEST || format.is_too_large(width, height) {
+        if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE || format.is_too_large(width, height) {
             return Err(impossible);
         }
         let size = (width as usize, height as usize);

@@ -104,7 +104,7 @@ const disconnected = () => {
 
 // --- plots -----------------------------------------------------------------------------------------------------------------------
 // Drawn here and not by src/report/html/svg.rs, which writes the plots of reports once and whole: these change with every frame, and the
-// page gets numbers and not drawings for them, ten times a second.
+// page gets numbers for them, not drawings.
 
 const figures = [];
 let pointed = null;

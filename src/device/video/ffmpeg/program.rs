@@ -9,6 +9,7 @@ use std::sync::OnceLock;
 use std::thread::JoinHandle;
 
 use crate::device::DeviceError;
+use crate::device::version::major_minor;
 
 /// Kinds of file that are opened. Not among them are lists of other files (HLS, DASH, concat), which may name anything.
 const FORMATS: &str = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,h264,hevc,av1,obu,ivf,flv,asf,ogg,nut,mjpeg,\
@@ -52,11 +53,7 @@ fn version() -> Option<(u32, u32)> {
 /// From "ffmpeg version 5.1.6-0+deb12u1 Copyright ..."; builds of a day, as "N-109542-g...", are newer than all numbers.
 fn version_in(text: &str) -> (u32, u32) {
     let word = text.split_whitespace().nth(2).unwrap_or("").trim_start_matches('n');
-    let mut numbers = word.split(|c: char| !c.is_ascii_digit()).map(|number| number.parse().unwrap_or(0));
-    match word.starts_with(|c: char| c.is_ascii_digit()) {
-        true => (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)),
-        false => (u32::MAX, 0),
-    }
+    if word.starts_with(|c: char| c.is_ascii_digit()) { major_minor(word) } else { (u32::MAX, 0) }
 }
 
 /// The options that keep every frame at its time, none left out or repeated.
