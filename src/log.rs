@@ -1,4 +1,4 @@
-//! What is told while the program runs: lines on standard error, which systemd carries to the journal.
+//! The log: lines on standard error, which systemd forwards to the journal.
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;

@@ -1,4 +1,4 @@
-//! The journey of a frame: capture -> estimate -> render -> give back.
+//! The journey of a frame: capture -> estimate -> render -> release.
 //!
 //! [`Stabilizer`] has the steps. [`run_inline`] takes them on one thread, for files and tests. [`run_live`], for the service, uses two:
 //! capture and decoding on one, the rest on the other. Both give the same pictures.

@@ -1,4 +1,4 @@
-//! `gimbald bench`: what a frame costs on this machine, stage by stage, and which frame rates that allows.
+//! `gimbald bench`: processing time per frame on this machine, stage by stage, and the frame rates that it can sustain.
 
 mod copies;
 mod measure;

@@ -1,4 +1,4 @@
-//! `gimbald calibrate`: a camera's readout time, field of view and lens distortion, from footage that moves.
+//! `gimbald calibrate`: estimates a camera's readout time, field of view and lens distortion from footage of a moving camera.
 //!
 //! The points of the whole footage are followed once; then the continuous model goes through them several times, from readout
 //! times all over the possible range, either sign: its equations hold near the truth only. The answer that leaves least of the

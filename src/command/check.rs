@@ -1,4 +1,4 @@
-//! `gimbald check`: whether a configuration or a recorded stream is right, and what it holds.
+//! `gimbald check`: validates a configuration file or a recording, and describes it.
 
 use std::fmt::Write as _;
 use std::fs::File;

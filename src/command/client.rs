@@ -1,4 +1,4 @@
-//! `gimbald status`, `on`, `off`, `set`, `reload`: talks to a daemon that runs.
+//! `gimbald status`, `on`, `off`, `set`, `reload`: requests to a running daemon.
 
 use std::fs::Permissions;
 use std::io::{IsTerminal, Write};

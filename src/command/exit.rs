@@ -1,4 +1,4 @@
-//! How the program ends: exit codes with names, and the message that goes with them.
+//! Exit codes with their names and meanings, and the error message of a command that fails.
 
 use std::fmt::Write as _;
 use std::io;

@@ -1,4 +1,4 @@
-//! Ctrl-C in commands that end by themselves: a wish to stop first, the end at once if it is said twice.
+//! Ctrl-C in commands that end by themselves: the first asks the command to stop, the second ends it at once.
 
 use super::{Exit, Failure};
 use crate::rt::notifier::Notifier;

@@ -1,4 +1,4 @@
-//! `gimbald measure`: how much the picture of a clip shakes, as numbers.
+//! `gimbald measure`: the shake of a clip as numbers.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Words on standard output, and warnings on standard error.
+//! Text to standard output, and warnings to standard error.
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;

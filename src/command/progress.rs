@@ -1,4 +1,4 @@
-//! A progress bar with rate and time left, where standard error is a terminal.
+//! A progress bar with frame rate and remaining time, where standard error is a terminal.
 
 use std::io::{IsTerminal, stderr};
 

@@ -1,4 +1,4 @@
-//! `gimbald record`: a camera's frames into a file, exactly as they come.
+//! `gimbald record`: writes a camera's raw frames to a file.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

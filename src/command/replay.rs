@@ -1,4 +1,4 @@
-//! `gimbald replay`: stabilizes a recorded stream into a file.
+//! `gimbald replay`: stabilizes a recording or a video file.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `gimbald report`: the last minute of a running daemon as one page, to attach to a bug report.
+//! `gimbald report`: the last minute of a running daemon as one page, for a bug report.
 
 use std::path::{Path, PathBuf};
 

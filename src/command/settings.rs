@@ -1,4 +1,4 @@
-//! `--config` and `--set`, the same for every command that has settings.
+//! `--config` and `--set`, for every command that has settings.
 
 use std::fs::File;
 use std::io::Read;

@@ -1,4 +1,4 @@
-//! What the service does on signals: SIGTERM and Ctrl-C end it, SIGHUP has it reload its configuration.
+//! Signals of the service: SIGTERM and SIGINT stop it, SIGHUP reloads its configuration.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals as Caught};

@@ -1,4 +1,4 @@
-//! Everything that watches one run, and what it leaves behind.
+//! The observers of one run (trace, statistics, report, comparison), and the files that they write.
 
 use std::fs::File;
 use std::io::BufWriter;

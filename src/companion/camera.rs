@@ -1,4 +1,4 @@
-//! One daemon's node: kept whatever happens to the daemon or to PipeWire, and fed.
+//! One daemon's PipeWire node: it outlives restarts of the daemon and of PipeWire, and is fed with pictures.
 
 use std::fs::OpenOptions;
 use std::io;

@@ -1,4 +1,4 @@
-//! What watchers see while no picture comes from the daemon: its last one once more, or the dark picture with the mark.
+//! The picture that viewers see while the daemon sends none: the last one, or the placeholder.
 
 use crate::device::placeholder;
 use crate::image::{Picture, Sampling};

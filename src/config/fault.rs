@@ -1,4 +1,4 @@
-//! What is wrong with the user's settings, where, and what to do about it.
+//! Errors in the user's settings: what is wrong, where, and how to fix it.
 
 use std::fmt;
 

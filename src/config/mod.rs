@@ -1,4 +1,4 @@
-//! Settings as people write them: one table of keys, a TOML file, `--set KEY=VALUE` on top. Opens nothing.
+//! Settings: one table of keys, a TOML file, and `--set KEY=VALUE` on top. Opens no files.
 //!
 //! A new key is one row in [`keys::KEYS`]; the file, the shipped example, `--set`, the table in docs/configuration.md and every message
 //! follow from it.

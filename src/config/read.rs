@@ -1,4 +1,4 @@
-//! From text to settings: a TOML file, or one `KEY=VALUE`.
+//! Reads settings from text: a TOML file, or one `KEY=VALUE`.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};

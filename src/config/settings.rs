@@ -1,4 +1,4 @@
-//! Everything that can be configured, part by part.
+//! All settings, section by section.
 
 use std::fmt;
 

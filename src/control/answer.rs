@@ -1,4 +1,4 @@
-//! From a request to its reply: what the daemon does with it.
+//! Executes a request and returns its reply.
 
 use std::time::Instant;
 

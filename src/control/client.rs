@@ -1,4 +1,4 @@
-//! The other end of the socket: asks a daemon and reads its answer.
+//! The client's side of the control socket: sends requests to a daemon and reads its replies.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;

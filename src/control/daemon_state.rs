@@ -1,4 +1,4 @@
-//! Where a daemon's settings lie while it runs, and who changes them.
+//! The settings of a running daemon, and the operations that change them.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,4 @@
-//! A status as Prometheus reads it: the text format, version 0.0.4.
+//! The status in Prometheus' text format, version 0.0.4.
 
 use std::fmt::Write as _;
 

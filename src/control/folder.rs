@@ -1,4 +1,4 @@
-//! A directory that is held open: what is done in it is done there, whatever becomes of its name meanwhile.
+//! A directory that is held open: operations refer to it even if its name changes meanwhile.
 
 use std::ffi::OsString;
 use std::io;

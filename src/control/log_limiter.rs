@@ -1,4 +1,4 @@
-//! Log lines that clients cause: at most so many a second, and a count of the others.
+//! A limit for log lines that clients cause: at most so many per second, and a count of those suppressed.
 
 use std::time::{Duration, Instant};
 

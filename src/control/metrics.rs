@@ -1,4 +1,4 @@
-//! What is counted while frames go by: atomic numbers, written in passing, read by status, Prometheus and the log.
+//! Counters of the frame path: atomic numbers, written per frame, read by the status, Prometheus and the log.
 
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};

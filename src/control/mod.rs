@@ -1,4 +1,4 @@
-//! What people say to a daemon that runs, and what it tells them: settings, counts, a socket.
+//! Control of a running daemon: requests and replies over a socket, settings, counters.
 //!
 //! A [`DaemonState`] is shared by all threads of a daemon. The frame path writes its [`Metrics`] (atomic numbers alone) and looks at its
 //! [`Live`](crate::pipeline::Live) settings. Requests are answered on the [`Server`]'s thread, which waits for no client and for no

@@ -1,4 +1,4 @@
-//! Who may be served how much: allowances of users, processes and everybody together, and who gives up a place to a newcomer.
+//! Quotas of users, processes and all clients together, and which connection is closed in favour of a new one.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;

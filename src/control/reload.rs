@@ -1,4 +1,4 @@
-//! Reading the configuration again on a thread of its own: the threads that answer clients and signals never wait for a file.
+//! Reads the configuration file on a thread of its own, so that threads which answer clients and signals never wait for a file.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;

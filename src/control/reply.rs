@@ -1,4 +1,4 @@
-//! What a client is answered: one line of JSON for each [`Reply`].
+//! Replies to clients: one line of JSON for each [`Reply`].
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What a client may ask: from the bytes of one line to a [`Request`]. Pure functions; they know no socket and change nothing.
+//! Parses one line from a client into a [`Request`]. Pure functions without sockets.
 
 use serde::de::value::{Error as Plain, MapAccessDeserializer, MapDeserializer, StrDeserializer};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The thread that answers: one loop over all who are connected, none of whom it ever waits for.
+//! The thread of the control socket: one event loop over all connections, which never blocks on one of them.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};

@@ -1,4 +1,4 @@
-//! One client's connection, at the daemon's end: what was read of it, and what it has yet to take. It never waits.
+//! One client's connection on the server's side: bytes received, and bytes still to send. Never blocks.
 
 use std::fmt;
 use std::io::{ErrorKind, Read, Write};

@@ -1,4 +1,4 @@
-//! The socket's place in the file system: whose it is, who may use it, and what was left behind by others.
+//! The control socket in the file system: ownership, permissions, lock, and sockets that a crashed daemon left behind.
 
 use std::ffi::{OsStr, OsString};
 use std::fs;

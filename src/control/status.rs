@@ -1,4 +1,4 @@
-//! The state of a daemon, as its answers have it, and as people read it.
+//! The status of a daemon, as JSON and as text.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,4 +1,4 @@
-//! How much of something is allowed, and how much was taken of late: a token bucket. Time is an argument.
+//! A token bucket: limits a rate and allows short bursts. Time is an argument.
 
 use std::time::{Duration, Instant};
 

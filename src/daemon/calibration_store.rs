@@ -1,4 +1,4 @@
-//! Saved calibrations: what was estimated of cameras, kept across restarts in one small file that people can read and delete.
+//! Saved calibrations: estimates of cameras, kept across restarts in a small file that users can read and delete.
 
 mod file;
 

@@ -1,4 +1,4 @@
-//! Which camera to open: what the settings name; and once one was open, that one, and none that was there beside it.
+//! Which camera to open: the one that the settings name, and afterwards the same one again, never another that was connected with it.
 
 use std::io;
 use std::path::Path;

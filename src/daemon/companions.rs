@@ -1,4 +1,4 @@
-//! The daemon's side of PipeWire companions: where its socket is, and which camera they have to prove that they may open.
+//! The daemon's side of PipeWire companions: where its socket is, and which camera they must be allowed to open.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! When the camera is wanted: while there are viewers, a while longer, and not for programs that only probe the device.
+//! Whether the camera is needed: while there are viewers and for some time after, but not for programs that only probe the device.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The heartbeat: the frame path and the supervisor leave time stamps, the watchdog thread judges them.
+//! The heartbeat: the frame path and the supervisor write time stamps, the watchdog thread checks them.
 
 use std::sync::atomic::{AtomicI64, Ordering::Relaxed};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! The service's life as a state machine: an event in, the next action out. No devices, threads or clocks in here.
+//! The service's life cycle as a state machine: an event in, the next action out. Without devices, threads or clocks.
 //!
 //! ```text
 //!            OutputOpened              ViewersArrived                CameraOpened

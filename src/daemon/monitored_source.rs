@@ -1,4 +1,4 @@
-//! A camera while its frames go by: what it loses and what cannot be used is counted and said, and something is done about it.
+//! A camera whose lost and unusable frames are counted and logged, and which is restarted when they persist.
 
 use super::heartbeat::Heartbeat;
 use super::recovery::{Recovery, Step};

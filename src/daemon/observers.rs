@@ -1,4 +1,4 @@
-//! What follows the frames of a stream: the heartbeat, and pages of `gimbald view`.
+//! Observers of a stream's frames: the heartbeat, and pages of `gimbald view`.
 
 use super::heartbeat::Heartbeat;
 use crate::frame::Frame;

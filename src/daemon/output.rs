@@ -1,4 +1,4 @@
-//! Where the picture goes: the loopback, PipeWire companions, or both; and what is shown while no camera gives a picture.
+//! The outputs: loopback, PipeWire companions, or both; and the placeholder while there is no picture from a camera.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What is done about a camera whose frames cannot be used: its stream is restarted, then its next-best format is tried.
+//! Recovery from unusable frames: the stream is restarted, then the next-best pixel format is tried.
 //!
 //! Only decisions are made here; [`super::monitored_source`] carries them out.
 

@@ -1,4 +1,4 @@
-//! Does what the [`Lifecycle`] decides: opens devices, streams, waits, and reports what happened as the next event.
+//! Executes what the [`Lifecycle`] decides: opens devices, streams, waits, and returns the outcome as the next event.
 
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! A thread that follows who watches, the loopback or a PipeWire node, so that the frame path does not have to ask.
+//! A thread that tracks the viewers of the loopback and of PipeWire nodes, so that the frame path does not have to ask.
 
 use std::path::Path;
 use std::sync::Arc;

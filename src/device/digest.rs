@@ -1,4 +1,4 @@
-//! A sink that keeps of each picture one number, so that a test can say "the same pictures as last time".
+//! A sink that stores one digest per picture, so that tests can compare runs.
 
 use super::{DeviceError, FrameSink, Output, StreamFormat};
 use crate::frame::Stamp;

@@ -1,4 +1,4 @@
-//! What can go wrong between gimbald and the world, and what can be done about it.
+//! Errors of sources and sinks, with what the user can do about them.
 
 use std::io;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! Bytes from a file or standard input, read once from front to back, with the place known for error messages.
+//! Sequential bytes from a file or standard input, with the position for error messages.
 
 use super::DeviceError;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! A sink that counts.
+//! A sink that only counts frames.
 
 use super::{DeviceError, FrameSink, StreamFormat};
 use crate::frame::Stamp;

@@ -1,4 +1,4 @@
-//! The picture that readers get while the camera is away: a dark ground with a small mark, two rings and a point, without words.
+//! The picture that viewers see while there is none from the camera: a dark background with a small symbol, without text.
 
 use crate::image::PictureMut;
 

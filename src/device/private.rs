@@ -1,4 +1,4 @@
-//! Files that hold pictures of people, or what can be learned from them: readable by their owner alone.
+//! Files with personal data, such as pictures: readable only by their owner.
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io;

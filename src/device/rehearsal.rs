@@ -1,4 +1,4 @@
-//! The synthetic camera as a camera gives its frames, and a sink as a loopback takes them: for measuring how fast the rest is.
+//! The synthetic camera in the raw formats of real ones, and a sink like a loopback: for benchmarks.
 
 use super::synthetic::{self, Synthetic};
 use super::{DeviceError, FrameSink, FrameSource, Lent, RawFrame, StreamFormat};

@@ -1,4 +1,4 @@
-//! Anything recorded, told by what it begins with.
+//! Opens a recording or video file, whose kind is detected from its first bytes.
 
 use super::recording::{self, RecordingSource};
 use super::video::ffmpeg::{FfmpegSource, Origin};

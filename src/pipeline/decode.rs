@@ -1,4 +1,4 @@
-//! The first step: a source's bytes to a picture, or the reason why they are none.
+//! The first step: decodes a source's bytes to a picture, or returns the reason why it cannot.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! The journey on one thread, and what came of it.
+//! The pipeline on one thread, and the totals of a run.
 
 use super::decode::{Decoder, Reasons, Unusable};
 use super::{Observer, Params, Stabilizer};

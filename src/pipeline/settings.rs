@@ -1,4 +1,4 @@
-//! What every step of the journey is told.
+//! The settings of all stages.
 
 use crate::stage::paper::homography;
 use crate::stage::shutter::Prior;

@@ -1,4 +1,4 @@
-//! The same journey on two threads: one captures and decodes, the caller's does the rest.
+//! The pipeline on two threads: one captures and decodes, the calling thread does the rest.
 //!
 //! Frames live in a pool: empty ones go to the capture thread through a free list, full ones come back through a mailbox. Live,
 //! the mailbox holds a few frames, so that a machine that was busy for a moment loses none; where it stays too slow, only the newest

@@ -1,4 +1,4 @@
-//! A camera node: made, watched or not, given pictures.
+//! A PipeWire camera node: created, watched for viewers, and fed with pictures.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::os::fd::{AsRawFd, OwnedFd};

@@ -1,4 +1,4 @@
-//! Input and output side by side, into a sink of their own.
+//! Writes input and output side by side to a sink of its own.
 
 use crate::device::{DeviceError, FrameSink, StreamFormat};
 use crate::frame::Frame;

@@ -1,4 +1,4 @@
-//! Durations, counted into buckets of a fixed number: medians and percentiles of any run in bounded memory.
+//! Durations in a fixed number of buckets: median and percentiles of runs of any length in bounded memory.
 
 /// Buckets to an octave, as a power of two: a bucket is 1/64 of its value wide.
 const FINE_BITS: u32 = 6;

@@ -1,4 +1,4 @@
-//! What a run tells about itself: traces, times, side-by-side pictures, a page to look at. Watches the pipeline, never steers it.
+//! Reports of a run: traces, statistics, side-by-side pictures, HTML pages. Observes the pipeline, and never influences it.
 
 mod compare;
 mod histogram;

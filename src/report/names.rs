@@ -1,4 +1,4 @@
-//! The words and units under which reports show a model's parameters and a frame's outcome.
+//! Names and units of a model's parameters and of a frame's outcome in reports.
 
 use crate::frame::{HoldReason, Outcome, PassReason, PathParameters};
 use crate::stage::paper;

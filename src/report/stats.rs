@@ -1,4 +1,4 @@
-//! How long each stage took, and what became of the frames.
+//! Statistics of a run: processing time of each stage, and counts of frames by outcome.
 
 use std::time::Instant;
 

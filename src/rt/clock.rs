@@ -1,4 +1,4 @@
-//! Time as the kernel tells it, without a system call (vDSO).
+//! The kernel's clocks, read without a system call (vDSO).
 
 use rustix::time::{ClockId, clock_gettime};
 

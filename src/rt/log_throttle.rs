@@ -1,4 +1,4 @@
-//! When to log something that keeps happening: at once, then ever more rarely.
+//! When to log an event that repeats: at once, then at increasing intervals.
 
 const SECOND_NS: i64 = 1_000_000_000;
 

@@ -1,4 +1,4 @@
-//! A wish to stop, shared between threads and signal handlers.
+//! A stop flag that threads and signal handlers share.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

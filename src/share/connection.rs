@@ -1,4 +1,4 @@
-//! A companion as the daemon sees it: what it said, what it proved, what it lends.
+//! A companion's connection on the daemon's side: its messages, its proof of access, the memory that it lends.
 
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;

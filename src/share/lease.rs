@@ -1,4 +1,4 @@
-//! The frame path's side: memory that companions lend is drawn into, frame by frame.
+//! The frame path's side: draws into memory that companions lend.
 
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

@@ -1,4 +1,4 @@
-//! A picture's memory that two processes have: a memfd, mapped.
+//! Picture memory that is shared between two processes: a memfd, mapped.
 
 use std::io;
 use std::os::fd::AsFd;

@@ -1,4 +1,4 @@
-//! A frame's output and input, and what is known of it, in one piece of shared memory: for the page of `gimbald view`.
+//! Output and input of a frame with its numbers, in one piece of shared memory: for the page of `gimbald view`.
 //!
 //! ```text
 //! output, as every shared picture | input, cropped to the output's size | descriptions of the last frames

@@ -1,4 +1,4 @@
-//! Who may have a camera's pictures: a user who may open the camera's node.
+//! Access control for a camera's pictures: users who may open the camera's node.
 
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! The daemon's side: a thread that takes companions in, checks what they give, and keeps account of who watches.
+//! The daemon's side: a thread that accepts companions, validates what they send, and counts their viewers.
 
 use std::fs::{self, Permissions};
 use std::io;

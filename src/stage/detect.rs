@@ -1,4 +1,4 @@
-//! Corners, spread over a grid: each cell that lost its points gets new ones.
+//! Corner detection on a grid: cells that lost their points get new ones.
 //!
 //! The picture is cut into square cells, as many as points are wanted. A cell without a point gets the place of the largest
 //! smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994), searched at half resolution: a track needs no exact corner,

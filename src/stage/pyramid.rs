@@ -1,4 +1,4 @@
-//! Luma at half, quarter, eighth resolution.
+//! The pyramid: luma at half, quarter and eighth resolution.
 //!
 //! A point (x, y) of the picture lies at ((x + 0.5) / 2^l - 0.5, (y + 0.5) / 2^l - 0.5) of level l.
 

@@ -1,4 +1,4 @@
-//! Frames that show the frame before once more: some cameras and drivers fill a steady rate in this way.
+//! Detects repeated frames: some cameras and drivers keep up a steady rate by sending a frame twice.
 
 use crate::frame::Track;
 

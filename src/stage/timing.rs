@@ -1,4 +1,4 @@
-//! When frames were taken: a source's stamps brought back to the camera's own rhythm.
+//! When frames were taken: restores the camera's own rhythm from a source's time stamps.
 //!
 //! A camera exposes its frames evenly, at a rate that changes now and then (many halve it in low light). Where a driver, a bus or a busy
 //! machine stamps frames as they arrive, they come late by what varies: jitter of milliseconds, stalls, then bursts of frames that

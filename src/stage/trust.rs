@@ -1,4 +1,4 @@
-//! How far the correction is believed: falls and returns by rule, so that bad tracking fades and never jumps.
+//! Trust in the motion: the correction fades out and in at a limited rate, so that bad tracking never makes it jump.
 
 /// Seconds in which trust falls from 1 to 0 while nothing can be followed.
 const FALL_S: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! Pictures for the page: output and input are made small, encoded as one JPEG, and kept until a newer one is there.
+//! Pictures for the page: output and input are scaled down, encoded as one JPEG, and kept until the next one.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

@@ -1,4 +1,4 @@
-//! A recording as a [`Backend`]: played, paused, searched, with settings that take effect at once.
+//! A recording as a [`Backend`]: play, pause, seek, and settings that take effect at once.
 //!
 //! A thread runs the pipeline over the recording at its own frame rate. A search, or a setting that cannot change within a stream, starts
 //! the pipeline again: frames are skipped up to a little before the position, and processed from there, so that the path has settled

@@ -1,4 +1,4 @@
-//! What a plain copy of a picture takes: the yardstick that tells machines apart.
+//! The time of a plain copy of a picture: the reference that makes results of different machines comparable.
 //!
 //! Copied in two ways. *In cache*: the same two buffers again and again, the fastest that a copy can be. *Through memory*: from one ring of
 //! pictures to another, both larger than the last-level cache, so that each picture comes from memory and goes there. The latter is what

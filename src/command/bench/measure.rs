@@ -1,4 +1,4 @@
-//! One case: so many frames of a size and a format through the pipeline, on the caller's thread.
+//! One case of the benchmark: frames of one size and format through the pipeline, on the calling thread.
 
 use std::time::{Duration, Instant};
 

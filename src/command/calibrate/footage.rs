@@ -1,4 +1,4 @@
-//! Footage as the estimator sees it: the tracks of each pair of frames, kept so that it can be looked at more than once.
+//! Footage for the estimator: the tracks of each pair of frames, kept so that several starting points can be tried.
 
 use crate::device::null::NullSink;
 use crate::device::{DeviceError, FrameSource};

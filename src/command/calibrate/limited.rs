@@ -1,4 +1,4 @@
-//! A source that ends in time.
+//! A source that ends after a number of frames, or when the camera is silent for too long.
 
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::rt::clock::monotonic_ns;

@@ -1,4 +1,4 @@
-//! A video of a clip that is too short to be watched once.
+//! A video that repeats a clip which is too short to be watched once.
 
 use crate::device::{DeviceError, FrameSink, StreamFormat};
 use crate::frame::Stamp;

@@ -1,4 +1,4 @@
-//! What the kernel tells in files, below a root that a test may make up: /sys, /proc, /lib/modules.
+//! What the kernel reports in files (/sys, /proc, /lib/modules), below a root directory that tests can replace.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What can be said of PipeWire: its library, the companion, the node, and what browsers need to see it.
+//! The checks of PipeWire: its library, the companion, the node, and what browsers need to see it.
 
 use std::path::Path;
 use std::process::Command;

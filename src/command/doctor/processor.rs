@@ -1,4 +1,4 @@
-//! Which instructions the pixel loops use, and whether the processor is fast enough: measured, by the daemon at work or by a rehearsal.
+//! The checks of the processor: its instruction set, and whether it is fast enough, as measured by the daemon or by a short benchmark.
 
 use std::time::Duration;
 

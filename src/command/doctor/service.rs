@@ -1,4 +1,4 @@
-//! What systemd and the running daemon say.
+//! The checks of the service: what systemd and the running daemon report.
 
 use std::process::Command;
 

@@ -1,4 +1,4 @@
-//! The state file itself: read only where it is a regular file of a sensible size; replaced whole, by one writer at a time.
+//! The file of saved calibrations: read only if it is a regular file of limited size; replaced atomically, by one writer at a time.
 
 use std::fs::{self, File, FileType, OpenOptions};
 use std::io::{self, Read, Write};

@@ -1,4 +1,4 @@
-//! gimbald's own recordings (`.gbr`): frames exactly as a camera gave them, each with its time, number and flags.
+//! gimbald's recordings (`.gbr`): raw frames as the camera delivered them, each with its time, sequence number and flags.
 //!
 //! # The format, version 1
 //! All numbers are little-endian. A file is a head and then records until it ends; it can be written to a pipe and read from one.

@@ -1,4 +1,4 @@
-//! Recorded frames, one after the other.
+//! Reads recorded frames in sequence.
 
 use super::record::{self, HEAD, HEADER, Header, KIND_FORMAT, KIND_FRAME, LONGEST_UNKNOWN};
 use crate::device::{DeviceError, FrameSource, Input, Lent, RawFrame, StreamFormat};

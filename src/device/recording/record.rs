@@ -1,4 +1,4 @@
-//! Heads, record headers and formats as bytes, and back.
+//! File header, record headers and formats as bytes, and back.
 
 use super::MAGIC;
 use crate::device::StreamFormat;

@@ -1,4 +1,4 @@
-//! Frames into a recording.
+//! Writes frames to a recording.
 
 use super::record::{self, Header};
 use crate::device::{DeviceError, FrameSink, Output, RawFrame, StreamFormat};

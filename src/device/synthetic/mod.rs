@@ -1,4 +1,4 @@
-//! A camera made of arithmetic: it turns before a painted wall, and exposes its rows one after the other.
+//! A synthetic camera: it turns in front of a generated scene, and exposes its rows one after the other.
 //!
 //! Row `v` of frame `k` is exposed at `t = k / fps + readout * v / height`, for an instant (nothing is blurred), in the pose that
 //! [`Synthetic::pose_at`] gives for `t`, so that estimates can be compared with the truth.

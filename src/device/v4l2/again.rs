@@ -1,4 +1,4 @@
-//! Finding a camera again that was open before, and never another one in its place.
+//! Finding the camera again that was open before, and never another one in its place.
 //!
 //! Node numbers are given to whatever is plugged in first, names are those of a kind of camera, and for some milliseconds udev's links
 //! lead to what has taken the number of what they were made for. What tells cameras apart is in sysfs: the socket, and of USB the

@@ -1,4 +1,4 @@
-//! Making a loopback device where there is none, through v4l2loopback's control device.
+//! Creates a loopback device through v4l2loopback's control device.
 
 use std::ffi::c_void;
 use std::os::fd::OwnedFd;

@@ -1,4 +1,4 @@
-//! What video devices there are, and what they can do.
+//! Lists video devices and their capabilities.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

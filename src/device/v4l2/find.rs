@@ -1,4 +1,4 @@
-//! Which device a setting means.
+//! Resolves a device setting to a device.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Waiting for video devices to come and go: /dev is watched (inotify), not polled.
+//! Waits for video devices to appear and disappear: /dev is watched (inotify), not polled.
 
 use std::mem::MaybeUninit;
 use std::os::fd::{AsFd, OwnedFd};

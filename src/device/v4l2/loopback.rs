@@ -1,4 +1,4 @@
-//! A v4l2loopback device as a sink: what gimbald draws becomes a camera for every other program.
+//! A v4l2loopback device as a sink: other programs see what gimbald writes as a camera.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The choice among what a camera offers.
+//! Chooses among the modes that a camera offers.
 
 use std::cmp::Reverse;
 

@@ -1,4 +1,4 @@
-//! What is agreed with a camera before it streams: its modes, and what it makes of the one that is asked for.
+//! Negotiates a mode with a camera before it streams.
 
 use std::path::Path;
 

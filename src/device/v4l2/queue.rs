@@ -1,4 +1,4 @@
-//! A queue of memory-mapped buffers shared with a driver: who may touch which buffer when, and the way to end it cleanly.
+//! A queue of memory-mapped buffers shared with a driver: which side owns which buffer, and how the stream is stopped cleanly.
 
 use std::ptr::NonNull;
 

@@ -1,4 +1,4 @@
-//! What a node is to a program that looks for cameras, told from its capabilities.
+//! The role of a video node (camera, loopback, part of a pipeline), from its capabilities.
 
 use v4l::v4l_sys::{
     V4L2_CAP_IO_MC, V4L2_CAP_STREAMING, V4L2_CAP_VIDEO_CAPTURE, V4L2_CAP_VIDEO_CAPTURE_MPLANE, V4L2_CAP_VIDEO_M2M,

@@ -1,4 +1,4 @@
-//! Which of a camera's nodes to stream from: the one that gives what is asked for, in colour before grey.
+//! Chooses which of a camera's nodes to stream from: the one that provides the requested mode, in colour before grey.
 //!
 //! The first node is not always the one with the picture: some cameras begin with one that gives H.264 only, laptops with the
 //! infrared camera that recognizes faces.

@@ -1,4 +1,4 @@
-//! Which video nodes there are and which device each belongs to, read from sysfs: no node is opened for it.
+//! Video nodes and the devices that they belong to, read from sysfs without opening a node.
 
 use std::ffi::OsStr;
 use std::fs;

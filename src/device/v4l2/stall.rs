@@ -1,4 +1,4 @@
-//! When a stream that gives no frames is stopped and started again: some cameras fall silent after a fault on the bus or a suspend.
+//! When a stream without frames is restarted: some cameras stop delivering after a bus error or a suspend.
 
 use std::fmt;
 

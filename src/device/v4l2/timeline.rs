@@ -1,4 +1,4 @@
-//! A driver's counts and times, made into ones that can be relied on.
+//! Turns a driver's sequence numbers and time stamps into reliable ones.
 
 use crate::frame::{FrameFlags, Stamp};
 

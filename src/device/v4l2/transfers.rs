@@ -1,4 +1,4 @@
-//! Transfers from the camera that failed, told from frames.
+//! Tells failed transfers from frames.
 //!
 //! Where one USB transfer ends with an error, uvcvideo gives back every buffer that it has, all at once: marked as damaged, empty,
 //! with sequence 0 and time 0. These are no frames and tell nothing of the stream's count or clock; the frames after them go on

@@ -1,4 +1,4 @@
-//! Who watches a loopback device: v4l2loopback tells it since 0.13; before, its open descriptors are counted.
+//! Viewers of a loopback device: v4l2loopback reports them since 0.13; before, open descriptors are counted.
 
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::Path;

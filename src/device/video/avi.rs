@@ -1,4 +1,4 @@
-//! AVI files of one MJPEG stream: RIFF chunks, the oldest form, which every player opens.
+//! AVI files with one MJPEG stream: RIFF chunks, which every player reads.
 //!
 //! ```text
 //! RIFF 'AVI '

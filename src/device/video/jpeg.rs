@@ -1,4 +1,4 @@
-//! Pictures as JPEG, by libjpeg-turbo.
+//! JPEG encoding with libjpeg-turbo.
 
 use turbojpeg::{Compressor, Subsamp, YuvImage};
 

@@ -1,4 +1,4 @@
-//! Pictures as JPEG in an AVI file, which gimbald writes itself.
+//! A sink that writes MJPEG in AVI, without ffmpeg.
 
 use std::fs::File;
 use std::io::BufWriter;

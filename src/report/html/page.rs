@@ -1,4 +1,4 @@
-//! The page of a run: what is shown, in which order, with which words.
+//! The page of a run: its sections and their texts.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! The few things that figures are drawn with, as SVG inside the page; colours are the style sheet's.
+//! The elements that plots and figures consist of, as inline SVG; colours come from the style sheet.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! The homography between two frames, robustly: seeded MSAC, then refinement on the inliers.
+//! Robust estimation of the homography between two frames: seeded MSAC, then refinement on the inliers.
 //!
 //! Minimised is the sum over tracks of rho(|H x - x'|^2), the distance in the newer frame in pixels: by MSAC (Torr and Zisserman
 //! 2000; rho = min(e^2, threshold^2)) over minimal samples, then by Gauss-Newton with Geman-McClure weights. Coordinates are

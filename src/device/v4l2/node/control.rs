@@ -1,4 +1,4 @@
-//! A node's controls and events: what it can be told, and what it tells, beside its frames.
+//! A node's controls and events.
 
 use rustix::io::Errno;
 use rustix::ioctl::{Opcode, Updater, ioctl, opcode};

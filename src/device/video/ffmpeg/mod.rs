@@ -1,4 +1,4 @@
-//! Any video, by way of the programs `ffmpeg` and `ffprobe`, where they are installed.
+//! Video files of any kind, through the programs `ffmpeg` and `ffprobe` where they are installed.
 //!
 //! `ffprobe` says what a file holds ([`Origin`]), one `ffmpeg` decodes its pictures into a pipe ([`FfmpegSource`]), another encodes
 //! what is made of them ([`FfmpegSink`]) and takes the sound from the file that the pictures came from.

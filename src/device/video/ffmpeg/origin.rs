@@ -1,4 +1,4 @@
-//! What a video file holds, as `ffprobe` says.
+//! The streams of a video file, as `ffprobe` reports them.
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;

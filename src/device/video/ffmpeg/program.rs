@@ -1,4 +1,4 @@
-//! The programs: whether they are there, how they are started, what they say.
+//! Running the programs: whether they are installed, their options, their messages.
 
 use std::ffi::OsString;
 use std::io::{self, BufRead, BufReader, Read};

@@ -1,4 +1,4 @@
-//! Pictures into a video file: ffmpeg encodes what comes through a pipe, and copies the sound of the file that it was made from.
+//! Writes a video file: ffmpeg encodes pictures from a pipe, and copies the sound of the input file.
 
 use std::ffi::OsString;
 use std::io::BufWriter;

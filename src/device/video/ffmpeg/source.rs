@@ -1,4 +1,4 @@
-//! A video file's pictures: ffmpeg decodes them into a pipe, and says when each is to be shown.
+//! Reads a video file: ffmpeg decodes it into a pipe, and reports the time of each picture.
 
 use std::path::Path;
 use std::process::{Child, Stdio};

@@ -1,4 +1,4 @@
-//! What the tracks say of the calibration, believed slowly.
+//! The calibration as the tracks indicate it, followed slowly.
 //!
 //! Each pair of frames adds a little to the marginal information on readout time, focal length and the lens's k1 (what is left of the normal
 //! equations once the path is eliminated). Taken at its word it is far too sure of itself: a thousand tracks of one frame

@@ -1,4 +1,4 @@
-//! The gate: how far the motion that was found of a pair of frames is to be believed.
+//! The gate: the confidence in a pair's motion.
 //!
 //! The numbers were chosen by trial on rendered clips: darkness, a hand before the camera, a person in front of the background, cuts.
 

@@ -1,4 +1,4 @@
-//! libjpeg-turbo, and what its complaints mean.
+//! libjpeg-turbo, and the meaning of its warnings.
 
 use std::borrow::Cow;
 

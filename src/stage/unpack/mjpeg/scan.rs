@@ -1,4 +1,4 @@
-//! Reads a picture's Huffman codes without making samples of them: whether they are whole, how far they go, what stands among them.
+//! Parses a picture's Huffman codes without decoding samples: whether they are complete, where they end, what else is among them.
 //!
 //! The decoder says only that something is wrong, not whether it matters: bytes that a camera puts before a restart marker or the end
 //! are one complaint, lost samples another, and it tells only of the last. So where it complains of a sequential picture, the codes are
