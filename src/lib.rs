@@ -28,7 +28,7 @@
 //!
 //! # Conventions
 //! - **Pixels**: centres are at whole numbers, (0, 0) is the centre of the top-left pixel, x points right, y down. Points are `[x, y]`.
-//! - **Camera**: a pinhole; rays are (x, y, 1) with z forward. A pose is yaw about y, pitch about x, roll about z (radians, right-hand
+//! - **Camera**: a pinhole; rays are (x, y, 1) with z forward. A pose ([`geometry::Pose`]) is yaw about y, pitch about x, roll about z (radians, right-hand
 //!   rule, from camera to scene), and log zoom. A camera that yaws by a positive angle looks further right, and its picture moves left.
 //! - **Maps** go from the output to the input: for each output pixel, where it is seen in the camera's picture.
 //! - **Units** are in the names: `_s`, `_ms`, `_ns`, `_px`, `_deg`, `_hz`. Settings use ms and degrees, the code seconds and radians.
@@ -67,8 +67,9 @@
 //! - The service opens no network connection. Only `gimbald view` listens, on the loopback interface.
 //!
 //! # Public interface
-//! gimbald is a program. Its library exists so that the program's tests, benchmarks, examples and fuzz targets reach each part; nothing in it
-//! is a stable interface. Stable are the command line, the exit codes, the configuration file, the JSON of `gimbald status`, the names of the
+//! gimbald is a program. Its library exists so that the program's tests, benchmarks, examples and fuzz targets reach its parts; nothing in
+//! it is a stable interface. What they do not use is private to the crate: all of `companion`, `daemon`, `log`, `pipewire`, `report` and
+//! `view`, and parts of other modules; `cargo doc --document-private-items` shows them. Stable are the command line, the exit codes, the configuration file, the JSON of `gimbald status`, the names of the
 //! Prometheus metrics, and the requests of the control socket ([`control`]).
 //!
 //! # Glossary

@@ -9,7 +9,7 @@ const FLOORS: &[(&str, &[&str])] = &[
     ("image", &[]),
     ("random", &[]),
     ("rt", &[]),
-    ("kernel", &["image"]),
+    ("kernel", &["geometry", "image"]),
     ("frame", &["geometry", "image"]),
     ("stage", &["kernel", "frame", "geometry", "image", "random"]),
     ("device", &["kernel", "frame", "geometry", "image", "random", "rt"]),

@@ -85,8 +85,9 @@ impl Default for OutputMap {
 }
 
 /// Rounds in which the row is found that saw a point; each shrinks the error to what the picture moves in as many rows, a few
-/// hundredths.
-const ROUNDS: usize = 3;
+/// hundredths. [`OutputMap::apply`] goes through them in double precision for a single point, [`crate::kernel::warp::nodes`] in single
+/// precision for sixteen at a time; a test in `stage::warp` compares the two.
+pub const ROW_ROUNDS: usize = 3;
 
 impl OutputMap {
     /// The input pixel (x, y) that the output pixel shows.
@@ -100,7 +101,7 @@ impl OutputMap {
                     false => camera.bent(view.apply(camera.straight(window.apply(pixel)))),
                 };
                 let mut seen = at_reference;
-                for _ in 0..ROUNDS {
+                for _ in 0..ROW_ROUNDS {
                     let pose = rows.at(seen[1]);
                     let middle = [0.5 * (at_reference[0] + seen[0]), 0.5 * (at_reference[1] + seen[1])];
                     let moved = camera.moved(middle, &pose);

@@ -1,15 +1,13 @@
 //! Where the nodes of the mesh come from: a homography, then the motion of the row that saw each.
 
 use super::{FURTHEST, ONE};
+use crate::geometry::ROW_ROUNDS;
 use crate::kernel::{Level, dispatch};
 
 /// Entries of the tables of poses; one more than there can be stretches between samples, so that no index is ever outside.
 pub const TABLE: usize = 32;
 /// Nodes found at a time.
 const CHUNK: usize = 16;
-/// Rounds in which the row is found that saw a point; each shrinks the error to what the picture moves in as many rows, a few
-/// hundredths.
-const ROUNDS: usize = 3;
 
 /// The map of a mesh: a homography (row by row), and how rows move.
 #[derive(Clone, Debug)]
@@ -77,7 +75,7 @@ fn nodes_body(mesh: &Mesh, y: f64, wide_bits: u32, xs: &mut [i32], ys: &mut [i32
         }
         let (mut moved_x, mut moved_y) = ([0.0f32; CHUNK], [0.0f32; CHUNK]);
         if let Some(rows) = &mesh.rows {
-            for _ in 0..ROUNDS {
+            for _ in 0..ROW_ROUNDS {
                 round(rows, &at_x, &at_y, &mut moved_x, &mut moved_y);
             }
         }
