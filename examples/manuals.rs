@@ -44,7 +44,7 @@ fn configuration() -> String {
         }
         let unit = if key.unit.is_empty() { String::new() } else { format!(" Unit: {}.", key.unit) };
         let live = if key.live { " Live." } else { "" };
-        let doc = format!("{} Range: {}.{unit} Default: {}.{live}", key.doc, key.range(), key.shown(&defaults));
+        let doc = format!("{} Range: {}.{unit} Default: {}.{live}", key.doc, key.range(), key.value_text(&defaults));
         let _ = writeln!(page, ".TP\n.B {}\n{}", escaped(key.short_name()), escaped(&doc));
     }
     page += ".SH SEE ALSO\n.BR gimbald (1),\n.BR gimbald-run (1),\n.BR gimbald-check (1)\n";

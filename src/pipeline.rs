@@ -321,11 +321,11 @@ impl Stabilizer {
             let context = &mut frame.context;
             let (trust, presence) = (self.trust.step(motion.confidence, interval_s), self.presence.step(interval_s));
             let mut gains = Gains::new(trust, presence, motion.agreement);
-            let shown = gains.shown();
+            let fade = gains.fade();
             self.window.glide(interval_s);
             let view = self.window.view();
             gains.rows_margin =
-                self.window.rows_margin(&view, |part| self.shutter.map(&motion, motion.path, part * shown, &view));
+                self.window.rows_margin(&view, |part| self.shutter.map(&motion, motion.path, part * fade, &view));
             let rows = gains.rows();
             let pose = self.shutter.pose(motion.path);
             // the path's parameters for a correction, and the map that it gives
@@ -344,7 +344,7 @@ impl Stabilizer {
             context.crop_use = self.window.crop_use(&context.map, &view);
             context.crop_shares = bounds.crop_shares(&correction);
             context.crop_zoom = self.window.zoom();
-            if shown == 1.0 {
+            if fade == 1.0 {
                 self.window.follow_use(context.crop_use, interval_s);
             }
             if context.outcome == Outcome::Pending {

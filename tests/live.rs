@@ -171,7 +171,7 @@ fn every_live_key_glides() {
                 let seen = carried(shots, &base.pipeline, &[(CHANGES[0], other.pipeline), (CHANGES[1], base.pipeline)], 0);
                 let near = (CHANGES[0]..shots.len()).map(|n| step(&seen, n)).fold(0.0, f64::max);
                 // of a window of 14 pixels, as in `strength_zoom_and_mode_glide`
-                let change = format!("{} from {} to {}", key.name, key.shown(&base), key.shown(&other));
+                let change = format!("{} from {} to {}", key.name, key.value_text(&base), key.value_text(&other));
                 assert!(near <= far + 1.5, "{change}: a frame moves by {near} px, without a change by {far} at most");
                 tried += 1;
             }

@@ -38,7 +38,7 @@ pub fn assignments(data: &[u8]) {
 /// What is shown of settings can be read again, and means the same.
 fn can_be_written(settings: &Settings) {
     let _ = (settings.camera.params(), settings.control.mode_bits());
-    let written: String = KEYS.iter().map(|key| format!("{} = {}\n", key.name, key.shown(settings))).collect();
+    let written: String = KEYS.iter().map(|key| format!("{} = {}\n", key.name, key.value_text(settings))).collect();
     let read = Settings::read(Some(("written", &written)), &[]).unwrap_or_else(|faults| panic!("{faults}\n{written}"));
     assert!(read.differing(settings).next().is_none(), "{written}");
 }

@@ -69,7 +69,7 @@ fn configuration(path: &Path) -> Result<String, Failure> {
     let mut answer =
         format!("{}: valid; {} of {} keys differ from the default\n", path.display(), changed.len(), keys::KEYS.len());
     for key in changed {
-        answer += &format!("  {} = {}  (default {})\n", key.name, key.shown(&settings), key.shown(&defaults));
+        answer += &format!("  {} = {}  (default {})\n", key.name, key.value_text(&settings), key.value_text(&defaults));
     }
     for retired in &settings.retired {
         answer += &format!("  {retired}\n");

@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if wanted != Some(false) {
         findings.extend(pipewire::looked_at(args.target.instance.as_deref(), loopback.as_deref(), wanted));
     }
-    findings.push(service::unit_finding(&unit, service::shown(&unit).as_deref()));
+    findings.push(service::unit_finding(&unit, service::systemctl_show(&unit).as_deref()));
     findings.push(daemon);
     findings.extend(status.iter().flat_map(service::frames));
     if args.json {

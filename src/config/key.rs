@@ -75,7 +75,7 @@ impl Key {
     }
 
     /// The value that `settings` has, as TOML writes it.
-    pub fn shown(&self, settings: &Settings) -> String {
+    pub fn value_text(&self, settings: &Settings) -> String {
         match &self.kind {
             Kind::Number { get, .. } => format!("{:?}", get(settings)),
             Kind::NumberOrAuto { get, .. } => get(settings).map_or_else(|| quoted(AUTO), |number| format!("{number:?}")),

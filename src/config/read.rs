@@ -35,14 +35,14 @@ pub(super) fn file(file: &str, text: &str, settings: &mut Settings, faults: &mut
     }
     found.sort_by_key(|(start, _)| *start);
     for (start, problem) in found {
-        faults.add(|| problem.described(Origin::File { name: file.to_owned(), line: line_of(text, start) }));
+        faults.add(|| problem.into_fault(Origin::File { name: file.to_owned(), line: line_of(text, start) }));
     }
 }
 
 /// Takes one `KEY=VALUE` of the command line into `settings`, or what is wrong with it into `faults`.
 pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Faults) {
     let Some((name, source)) = argument.split_once('=') else {
-        return faults.add(|| Problem::NoAssignment(argument).described(Origin::Set));
+        return faults.add(|| Problem::NoAssignment(argument).into_fault(Origin::Set));
     };
     let (name, source) = (name.trim(), source.trim());
     // What is no TOML value is a word, so that a shell's user need not quote quotes.
@@ -55,7 +55,7 @@ pub(super) fn set(argument: &str, settings: &mut Settings, faults: &mut Faults) 
         return;
     }
     if let Some(problem) = put(name.to_owned(), written, source, settings) {
-        faults.add(|| problem.described(Origin::Set));
+        faults.add(|| problem.into_fault(Origin::Set));
     }
 }
 
@@ -123,7 +123,7 @@ enum Problem<'a> {
 }
 
 impl Problem<'_> {
-    fn described(self, origin: Origin) -> Fault {
+    fn into_fault(self, origin: Origin) -> Fault {
         let setting = |name: &str, source: &str| format!("{} = {}", shortened(name), shortened(source));
         let (setting, what, advice) = match self {
             Self::Syntax(message) => (
@@ -138,9 +138,9 @@ impl Problem<'_> {
             ),
             Self::NoSuchKey { name, source } => (setting(&name, source), "no such key".to_owned(), other_than(&name)),
             Self::Refused { key, value, source } => {
-                let default = key.shown(&Settings::default());
+                let default = key.value_text(&Settings::default());
                 let advice = format!("fix the value, or remove the key to use the default {default}");
-                let what = format!("expected {}, found {}", key.expected(), described(&value));
+                let what = format!("expected {}, found {}", key.expected(), describe(&value));
                 (setting(key.name, source), what, advice)
             }
         };
@@ -162,7 +162,7 @@ fn other_than(name: &str) -> String {
 }
 
 /// A value that was refused, by what it is.
-fn described(value: &Written) -> String {
+fn describe(value: &Written) -> String {
     match value {
         Written::Integer(None) => "a whole number too large to read".into(),
         Written::Integer(Some(number)) => number.to_string(),

@@ -182,6 +182,6 @@ impl Settings {
 
     /// The keys whose value differs between `self` and `other`.
     pub fn differing<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = &'static Key> + 'a {
-        keys::KEYS.iter().filter(move |key| key.shown(self) != key.shown(other))
+        keys::KEYS.iter().filter(move |key| key.value_text(self) != key.value_text(other))
     }
 }

@@ -22,7 +22,7 @@ pub fn shipped_file() -> String {
         } else {
             text.push('\n');
         }
-        let default = key.shown(&defaults);
+        let default = key.value_text(&defaults);
         let unit = if key.unit.is_empty() { String::new() } else { format!("Unit: {}. ", key.unit) };
         let live = if key.live { " Live." } else { "" };
         let _ = writeln!(text, "# {}", key.doc);
@@ -38,7 +38,7 @@ pub fn key_table() -> String {
     let mut text = String::from("| key | default | range | meaning |\n|---|---|---|---|\n");
     for key in keys::KEYS {
         let unit = if key.unit.is_empty() { String::new() } else { format!(" ({})", key.unit) };
-        let _ = writeln!(text, "| `{}` | `{}` | {}{unit} | {} |", key.name, key.shown(&defaults), key.range(), key.doc);
+        let _ = writeln!(text, "| `{}` | `{}` | {}{unit} | {} |", key.name, key.value_text(&defaults), key.range(), key.doc);
     }
     text
 }

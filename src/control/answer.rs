@@ -25,7 +25,7 @@ fn set(state: &DaemonState, assignment: &str, who: &str) -> Reply {
     match state.set(assignment) {
         Ok(applied) => {
             if !applied.changed.is_empty() && state.may_log(Subject::Change, Instant::now()) {
-                tracing::info!("set by {who}: {}", listed(state, &applied));
+                tracing::info!("set by {who}: {}", changes_text(state, &applied));
             }
             Reply::Applied(applied)
         }
@@ -39,8 +39,8 @@ fn set(state: &DaemonState, assignment: &str, who: &str) -> Reply {
 }
 
 /// The new values, as they were understood: what a client writes may hold anything.
-fn listed(state: &DaemonState, applied: &Applied) -> String {
-    applied.changed.iter().map(|key| format!("{key}={}", state.shown(key))).collect::<Vec<_>>().join(", ")
+fn changes_text(state: &DaemonState, applied: &Applied) -> String {
+    applied.changed.iter().map(|key| format!("{key}={}", state.value_text(key))).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -117,8 +117,8 @@ impl DaemonState {
     }
 
     /// A setting as it counts now, as TOML writes it.
-    pub(super) fn shown(&self, key: &str) -> String {
-        keys::find(key).map_or_else(String::new, |key| key.shown(&self.configured().settings))
+    pub(super) fn value_text(&self, key: &str) -> String {
+        keys::find(key).map_or_else(String::new, |key| key.value_text(&self.configured().settings))
     }
 
     /// Reads the configuration again and takes all of it that can change while gimbald runs; the service manager is told of both
@@ -179,7 +179,7 @@ impl DaemonState {
         let configured = self.configured();
         status.enabled = configured.settings.pipeline.enabled;
         status.configuration.clone_from(&self.configuration);
-        status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.shown(&configured.settings))).collect();
+        status.settings = keys::KEYS.iter().map(|key| (key.name.to_owned(), key.value_text(&configured.settings))).collect();
         status.restart.clone_from(&configured.restart);
         status
     }

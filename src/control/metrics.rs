@@ -228,14 +228,14 @@ impl Metrics {
         self.history.since(first)
     }
 
-    /// A camera says what it lost since it was opened; `told` is what it said before, and is brought up to date.
-    pub fn add_losses(&self, now: Losses, told: &mut Losses) {
-        if now != *told {
-            self.missing.fetch_add(now.missing.saturating_sub(told.missing), Relaxed);
-            self.stale.fetch_add(now.stale.saturating_sub(told.stale), Relaxed);
-            self.failed_transfers.fetch_add(now.failed_transfers.saturating_sub(told.failed_transfers), Relaxed);
-            self.restarts.fetch_add(now.restarts.saturating_sub(told.restarts), Relaxed);
-            *told = now;
+    /// A camera says what it lost since it was opened; `known` is what it said before, and is brought up to date.
+    pub fn add_losses(&self, now: Losses, known: &mut Losses) {
+        if now != *known {
+            self.missing.fetch_add(now.missing.saturating_sub(known.missing), Relaxed);
+            self.stale.fetch_add(now.stale.saturating_sub(known.stale), Relaxed);
+            self.failed_transfers.fetch_add(now.failed_transfers.saturating_sub(known.failed_transfers), Relaxed);
+            self.restarts.fetch_add(now.restarts.saturating_sub(known.restarts), Relaxed);
+            *known = now;
         }
     }
 
@@ -386,7 +386,7 @@ mod tests {
     use crate::control::Status;
     use crate::frame::{HoldReason, PassReason};
 
-    fn told(metrics: &Metrics) -> Status {
+    fn status_of(metrics: &Metrics) -> Status {
         let mut status = Status::default();
         metrics.fill(&mut status);
         status
@@ -395,7 +395,7 @@ mod tests {
     #[test]
     fn frames_are_counted_by_what_became_of_them() {
         let metrics = Metrics::default();
-        assert_eq!((told(&metrics).fps, told(&metrics).latency_ms), (0.0, None));
+        assert_eq!((status_of(&metrics).fps, status_of(&metrics).latency_ms), (0.0, None));
         let mut frame = Frame::default();
         for outcome in [
             Outcome::Stabilized,
@@ -409,7 +409,7 @@ mod tests {
             frame.stamp.time_ns = monotonic_ns() - 20_000_000;
             metrics.sent(&frame);
         }
-        let status = told(&metrics);
+        let status = status_of(&metrics);
         let frames = status.frames;
         assert_eq!((frames.sent, frames.stabilized, frames.held, frames.passed_through), (4, 2, 1, 1));
         assert_eq!(status.crop_use, Some(Spread { p50: 0.5, p99: 0.5, max: 0.5 }));
@@ -435,13 +435,13 @@ mod tests {
     fn a_camera_that_is_opened_anew_counts_on() {
         let metrics = Metrics::default();
         for _ in 0..2 {
-            let mut told = Losses::default();
+            let mut known = Losses::default();
             let three = Losses { missing: 3, ..Losses::default() };
-            metrics.add_losses(three, &mut told);
-            metrics.add_losses(three, &mut told);
-            metrics.add_losses(Losses { missing: 5, stale: 1, failed_transfers: 2, restarts: 3 }, &mut told);
+            metrics.add_losses(three, &mut known);
+            metrics.add_losses(three, &mut known);
+            metrics.add_losses(Losses { missing: 5, stale: 1, failed_transfers: 2, restarts: 3 }, &mut known);
         }
-        let drops = told(&metrics).drops;
+        let drops = status_of(&metrics).drops;
         assert_eq!((drops.camera_missing, drops.camera_stale), (10, 2));
         assert_eq!((drops.failed_transfers, drops.restarts), (4, 6));
     }
@@ -455,7 +455,7 @@ mod tests {
         assert_eq!(metrics.now().since, since);
         metrics.set_phase(Phase::Streaming, "a to b");
         assert!(metrics.now().since > since);
-        let status = told(&metrics);
+        let status = status_of(&metrics);
         assert_eq!((status.state.as_str(), status.what.as_str()), ("streaming", "a to b"));
     }
 }

@@ -63,8 +63,8 @@ pub(super) struct MonitoredSource<'a> {
 /// What an [`MonitoredSource`] remembers.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
-    /// What the camera said it lost, as far as it was told.
-    told: Losses,
+    /// The losses that are counted so far.
+    losses: Losses,
     /// When it was looked at the frames last; 0 before the first time.
     looked_ns: i64,
     /// Frames and usable frames, and when there were fewer for the last time.
@@ -91,7 +91,7 @@ pub(super) struct Notes {
 impl MonitoredSource<'_> {
     /// Looks at what became of the frames so far, says it, and says what to do.
     fn look(&mut self, now_ns: i64) -> Step {
-        self.heartbeat.add_losses(self.camera.losses(), &mut self.notes.told);
+        self.heartbeat.add_losses(self.camera.losses(), &mut self.notes.losses);
         if self.notes.looked_ns == 0 {
             (self.notes.usable_ns, self.notes.frames_ns) = (now_ns, now_ns);
         } else if now_ns.saturating_sub(self.notes.looked_ns) < LOOK_EVERY_NS {

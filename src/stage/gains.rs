@@ -36,18 +36,18 @@ impl Gains {
     }
 
     /// What fades in and out: of correction and rows alike.
-    pub fn shown(&self) -> f64 {
+    pub fn fade(&self) -> f64 {
         self.trust * self.presence
     }
 
     /// The part of the rows' motion that is undone.
     pub fn rows(&self) -> f64 {
-        self.shown() * self.agreement * self.rows_margin
+        self.fade() * self.agreement * self.rows_margin
     }
 
     /// The correction that is made where the planner wants `wanted`.
     pub fn correction(&self, wanted: Pose) -> Pose {
-        wanted * self.shown() * self.margin
+        wanted * self.fade() * self.margin
     }
 }
 
@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn each_gain_multiplies_what_it_says() {
         let gains = Gains { trust: 0.5, presence: 0.5, agreement: 0.4, rows_margin: 0.5, margin: 0.1 };
-        assert_eq!(gains.shown(), 0.25);
+        assert_eq!(gains.fade(), 0.25);
         assert!((gains.rows() - 0.05).abs() < 1e-12);
         assert!((gains.correction(Pose([1.0, -2.0, 0.0, 4.0]))[3] - 0.1).abs() < 1e-12);
         let (whole, wanted) = (Gains::new(1.0, 1.0, 1.0), Pose([0.3, -0.1, 0.2, 0.0]));

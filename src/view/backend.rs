@@ -68,7 +68,7 @@ pub(super) fn offered(backend: &dyn Backend) -> Vec<Value> {
             let words: &[&str] = if let Kind::Choice { words, .. } = &key.kind { words } else { &[] };
             json!({
                 "name": key.name, "meaning": key.doc, "unit": key.unit, "range": key.range(), "kind": kind, "low": low, "high": high,
-                "step": step, "words": words, "names": names, "default": key.shown(&defaults), "live": backend.is_live(key),
+                "step": step, "words": words, "names": names, "default": key.value_text(&defaults), "live": backend.is_live(key),
             })
         })
         .collect()

@@ -20,11 +20,11 @@ pub(super) fn edited(name: &str, text: &str, keys: &[&Key], wanted: &Settings) -
     Settings::read(Some((name, text)), &[]).map_err(|faults| format!("not changed, it already has errors: {faults}"))?;
     let mut document = text.parse::<DocumentMut>().map_err(|error| format!("{name}: {error}"))?;
     for key in keys {
-        put(&mut document, key, &key.shown(wanted)).map_err(|what| format!("{name}: {}: {what}", key.name))?;
+        put(&mut document, key, &key.value_text(wanted)).map_err(|what| format!("{name}: {}: {what}", key.name))?;
     }
     let edited = document.to_string();
     let read = Settings::read(Some((name, &edited)), &[]).map_err(|faults| faults.to_string())?;
-    match keys.iter().find(|key| key.shown(&read) != key.shown(wanted)) {
+    match keys.iter().find(|key| key.value_text(&read) != key.value_text(wanted)) {
         Some(key) => Err(format!("{name}: cannot write {}; edit the file by hand", key.name)),
         None => Ok(edited),
     }

@@ -202,7 +202,7 @@ fn about(backend: &dyn Backend) -> Value {
 fn state(backend: &dyn Backend) -> Value {
     let settings = match backend.settings() {
         Ok(settings) => {
-            let all = keys::KEYS.iter().map(|key| (key.name.to_owned(), Value::from(key.shown(&settings))));
+            let all = keys::KEYS.iter().map(|key| (key.name.to_owned(), Value::from(key.value_text(&settings))));
             Value::Object(all.collect())
         }
         Err(_) => Value::Null,
@@ -235,7 +235,7 @@ fn written(backend: &dyn Backend, text: &str) -> Value {
         Ok(chosen) => chosen,
         Err(error) => return json!({"ok": false, "error": error}),
     };
-    let lines: String = keys.iter().map(|key| format!("{} = {}\n", key.name, key.shown(&wanted))).collect();
+    let lines: String = keys.iter().map(|key| format!("{} = {}\n", key.name, key.value_text(&wanted))).collect();
     let written = match backend.configuration() {
         Some(path) => config_file::write(&path, &keys, &wanted),
         None => Err("no configuration file is known: start with --config FILE, or copy these lines".to_owned()),

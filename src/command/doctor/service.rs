@@ -14,7 +14,7 @@ const FEW: u64 = 100;
 const SETTLED_S: f64 = 5.0;
 
 /// What `systemctl show` says of the unit, as it prints it.
-pub(super) fn shown(unit: &str) -> Option<String> {
+pub(super) fn systemctl_show(unit: &str) -> Option<String> {
     let properties = "LoadState,ActiveState,SubState,UnitFileState,NRestarts,Result,StatusText";
     let output = Command::new("systemctl").args(["show", unit, "--property", properties]).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())

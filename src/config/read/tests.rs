@@ -141,7 +141,7 @@ fn strength_is_a_word_or_a_number() {
     }
     assert_eq!(read("[smooth]\nstrength = \"tripod\"\n").unwrap().pipeline.smooth.strength, 2.0);
     let key = keys::find("smooth.strength").unwrap();
-    let shown = |text: &str| key.shown(&set(&[text]).unwrap());
+    let shown = |text: &str| key.value_text(&set(&[text]).unwrap());
     assert_eq!([shown("smooth.strength=1"), shown("smooth.strength=0.5")], ["\"steady\"", "0.5"]);
     for wrong in ["smooth.strength=2.1", "smooth.strength=-0.1", "smooth.strength=Tripod", "smooth.strength=strong"] {
         let message = strength(wrong).unwrap_err();
@@ -244,7 +244,7 @@ proptest! {
             Kind::Form { .. } => {}
             Kind::Text { set, .. } => set(&mut settings, format!("\"{count}'\n\t\\{number}")),
         }
-        let file = format!("[{}]\n{} = {}\n", key.section(), key.short_name(), key.shown(&settings));
+        let file = format!("[{}]\n{} = {}\n", key.section(), key.short_name(), key.value_text(&settings));
         prop_assert_eq!(Settings::read(Some(("f", &file)), &[]).unwrap(), settings.clone());
         prop_assert_eq!(settings.differing(&Settings::default()).count(), usize::from(settings != Settings::default()));
     }

@@ -20,7 +20,7 @@ pub struct Known {
 pub struct There {
     nodes: Vec<Sighting>,
     /// The node that the setting leads to, where it is a number or a path.
-    meant: Option<Sighting>,
+    named_node: Option<Sighting>,
     /// Whether the setting's path leads anywhere.
     leads: bool,
 }
@@ -71,9 +71,9 @@ impl There {
     /// Looks around for `setting`, a value of camera.device.
     pub fn look(setting: &str, roots: &Roots) -> Self {
         let path = path_of(setting);
-        let meant = path.as_ref().and_then(|path| roots.at(path));
+        let named_node = path.as_ref().and_then(|path| roots.at(path));
         let leads = path.as_ref().is_some_and(|path| roots.real(path).is_some());
-        Self { nodes: roots.sightings(), meant, leads }
+        Self { nodes: roots.sightings(), named_node, leads }
     }
 
     /// Every video node.
@@ -158,12 +158,14 @@ impl Known {
         match naming {
             Naming::Socket | Naming::Identity | Naming::Path => self.next_at_path(naming, there),
             Naming::Number | Naming::Name | Naming::Auto => {
-                if let Some(found) = self.found(there, waits) {
+                if let Some(found) = self.same_camera(there, waits) {
                     return found;
                 }
                 let except = self.other_nodes(there);
-                match (naming, &there.meant) {
-                    (Naming::Number, Some(meant)) if except.contains(&meant.node) => Next::Wait(self.why_not(meant, there)),
+                match (naming, &there.named_node) {
+                    (Naming::Number, Some(named_node)) if except.contains(&named_node.node) => {
+                        Next::Wait(self.why_not(named_node, there))
+                    }
                     (Naming::Auto, _) if waits => Next::Wait(format!("{} is not there", self.camera.device.described())),
                     // There is no other to be had by waiting.
                     (Naming::Auto, _) => Next::Search { except: Vec::new() },
@@ -175,7 +177,7 @@ impl Known {
 
     /// For a setting that is a path: what it leads to, unless that is another camera.
     fn next_at_path(&self, naming: Naming, there: &There) -> Next {
-        let Some(meant) = &there.meant else {
+        let Some(named_node) = &there.named_node else {
             if there.leads {
                 // No video node: opening it will say what it is.
                 return Next::Search { except: Vec::new() };
@@ -187,29 +189,29 @@ impl Known {
                 None => Next::Wait(self.why_nothing(there)),
             };
         };
-        let verdict = self.verdict(&meant.device, there);
+        let verdict = self.verdict(&named_node.device, there);
         let camera = &self.camera.device;
         // Else udev has not yet taken away a link whose number is another camera's by now.
         let true_link = match naming {
-            Naming::Socket => meant.device.place == camera.place,
-            Naming::Identity => meant.device.usb == camera.usb,
+            Naming::Socket => named_node.device.place == camera.place,
+            Naming::Identity => named_node.device.usb == camera.usb,
             _ => true,
         };
         if true_link && matches!(verdict, Verdict::Same | Verdict::New) {
-            Next::Open(vec![meant.clone()])
+            Next::Open(vec![named_node.clone()])
         } else {
-            Next::Wait(self.why_not(meant, there))
+            Next::Wait(self.why_not(named_node, there))
         }
     }
 
     /// The camera, where it is connected under whatever number.
-    fn found(&self, there: &There, waits: bool) -> Option<Next> {
+    fn same_camera(&self, there: &There, waits: bool) -> Option<Next> {
         let is_same_camera = |seen: &&Sighting| self.verdict(&seen.device, there) == Verdict::Same;
         let own: Vec<_> = there.nodes.iter().filter(is_same_camera).collect();
         let same = |seen: &&&Sighting| seen.function == self.camera.function && seen.index == self.camera.index;
         // Drivers that make several cameras of one device (vivid does) are told apart by the node alone: the one that the settings name,
         // then the one that it had.
-        let named = |seen: &&&Sighting| there.meant.as_ref().is_some_and(|meant| meant.node == seen.node);
+        let named = |seen: &&&Sighting| there.named_node.as_ref().is_some_and(|named_node| named_node.node == seen.node);
         let before = |seen: &&&Sighting| self.camera.node == seen.node;
         let found = || own.iter().filter(same);
         if let Some(same) = found().find(named).or_else(|| found().find(before)).or_else(|| found().next()) {
@@ -275,10 +277,10 @@ impl Known {
     }
 
     /// Why the node that the setting leads to is not opened.
-    fn why_not(&self, meant: &Sighting, there: &There) -> String {
-        let (node, other, camera) = (meant.node.display(), meant.device.described(), self.camera.device.described());
-        let socket = meant.device.socket();
-        match self.verdict(&meant.device, there) {
+    fn why_not(&self, named_node: &Sighting, there: &There) -> String {
+        let (node, other, camera) = (named_node.node.display(), named_node.device.described(), self.camera.device.described());
+        let socket = named_node.device.socket();
+        match self.verdict(&named_node.device, there) {
             Verdict::Unclear => format!(
                 "{node} is {other}: the camera in use, or one of the same kind that was connected together with it; plug it into its \
                  previous port, or restart gimbald to use this one"

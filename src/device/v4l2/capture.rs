@@ -79,7 +79,7 @@ pub struct Avoided {
 }
 
 impl Avoided {
-    /// Whether the camera of this name at this bus is meant.
+    /// Whether the camera of this name at this bus is opened.
     pub fn is_of(&self, card: &str, bus: &str) -> bool {
         self.card == card && self.bus == bus
     }
@@ -336,8 +336,8 @@ fn agree(params: &CaptureParams) -> Result<Agreed, DeviceError> {
     let asked = Wish { format: params.format, width: params.width, height: params.height, fps: params.fps };
     let Selected { node, mode, next_best } = best(&paths, &asked, &params.avoid)?;
     // While it is open, nothing else gets its number: what has it now had it when it was opened.
-    if let Some(meant) = params.nodes.iter().find(|seen| seen.node == node.path())
-        && !Roots::default().at(node.path()).is_some_and(|seen| seen.is_same(meant))
+    if let Some(opened) = params.nodes.iter().find(|seen| seen.node == node.path())
+        && !Roots::default().at(node.path()).is_some_and(|seen| seen.is_same(opened))
     {
         return Err(DeviceError::Gone { path: node.path().to_path_buf() });
     }

@@ -37,7 +37,7 @@ impl<W: Write> Matroska<W> {
     /// # Errors
     /// What the stream reports.
     pub(super) fn add(&mut self, picture: &[u8], time_ns: i64) -> io::Result<()> {
-        let time = element(0xE7, &whole(time_ns.max(0) / TICK_NS));
+        let time = element(0xE7, &unsigned(time_ns.max(0) / TICK_NS));
         let block_head = [&[0x81], &SAME_TIME[..], &[KEY_FRAME]].concat();
         let block_len = (block_head.len() + picture.len()) as u64;
         let block = [&number(0xA3)[..], &size(block_len)].concat();
@@ -71,10 +71,10 @@ fn head(format: &StreamFormat) -> Vec<u8> {
         element(0x4287, &[4]),
         element(0x4285, &[2]),
     ];
-    let info = [element(0x2A_D7B1, &whole(TICK_NS)), element(0x4D80, b"gimbald"), element(0x5741, b"gimbald")];
+    let info = [element(0x2A_D7B1, &unsigned(TICK_NS)), element(0x4D80, b"gimbald"), element(0x5741, b"gimbald")];
     let picture = [
-        element(0xB0, &whole(i64::from(format.width))),
-        element(0xBA, &whole(i64::from(format.height))),
+        element(0xB0, &unsigned(i64::from(format.width))),
+        element(0xBA, &unsigned(i64::from(format.height))),
         element(0x2E_B524, colour_space(format.pixel)),
     ];
     let mut track = vec![
@@ -86,7 +86,7 @@ fn head(format: &StreamFormat) -> Vec<u8> {
         element(0xE0, &picture.concat()),
     ];
     if format.rate() > 0.0 {
-        track.push(element(0x23_E383, &whole((1e9 / format.rate()) as i64)));
+        track.push(element(0x23_E383, &unsigned((1e9 / format.rate()) as i64)));
     }
     let track = element(0xAE, &track.concat());
     let segment = [&number(0x1853_8067)[..], &OPEN].concat();
@@ -118,7 +118,7 @@ fn size(len: u64) -> [u8; 8] {
 }
 
 /// A whole number's bytes without leading zeros, one at least.
-fn whole(value: i64) -> Vec<u8> {
+fn unsigned(value: i64) -> Vec<u8> {
     let bytes = value.max(0).to_be_bytes();
     let zeros = bytes.iter().take(7).take_while(|byte| **byte == 0).count();
     bytes[zeros..].to_vec()
@@ -133,8 +133,8 @@ mod tests {
         assert_eq!(number(0xA3), [0xA3]);
         assert_eq!(number(0x1A45_DFA3), [0x1A, 0x45, 0xDF, 0xA3]);
         assert_eq!(size(300), [1, 0, 0, 0, 0, 0, 1, 44]);
-        assert_eq!((whole(0), whole(300), whole(-5)), (vec![0], vec![1, 44], vec![0]));
-        assert_eq!(element(0xB0, &whole(320)), [0xB0, 1, 0, 0, 0, 0, 0, 0, 2, 1, 64]);
+        assert_eq!((unsigned(0), unsigned(300), unsigned(-5)), (vec![0], vec![1, 44], vec![0]));
+        assert_eq!(element(0xB0, &unsigned(320)), [0xB0, 1, 0, 0, 0, 0, 0, 0, 2, 1, 64]);
     }
 
     #[test]

@@ -344,7 +344,7 @@ mod tests {
         };
         let defaults = Settings::default();
         for key in keys::KEYS {
-            status.settings.insert(key.name.into(), key.shown(&defaults));
+            status.settings.insert(key.name.into(), key.value_text(&defaults));
         }
         for name in ["camera.device", "output.device", "control.socket"] {
             status.settings.insert(name.into(), format!("\"/dev/{}\"", text(name)));

@@ -261,7 +261,7 @@ pub(super) fn settings(settings: &Settings, is_shown: impl Fn(&Key) -> bool) -> 
             table {
                 tr { th { "key" } th { "value" } th { "default" } th { "unit" } }
                 @for key in keys::KEYS {
-                    @let (value, default) = (key.shown(settings), key.shown(&defaults));
+                    @let (value, default) = (key.value_text(settings), key.value_text(&defaults));
                     @let is_changed = value != default;
                     tr.changed[is_changed] {
                         td { code { (key.name) } }

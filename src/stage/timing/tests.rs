@@ -39,7 +39,7 @@ fn errors(given: &[Given], from: usize) -> Vec<(f64, bool)> {
 }
 
 /// Root mean square error of the intervals that are called certain, and the part of all that are not.
-fn judged(given: &[Given], from: usize) -> (f64, f64) {
+fn judge(given: &[Given], from: usize) -> (f64, f64) {
     let errors = errors(given, from);
     let certain: Vec<f64> = errors.iter().filter(|(_, certain)| *certain).map(|(error, _)| *error).collect();
     let square = certain.iter().map(|error| error * error).sum::<f64>() / certain.len() as f64;
@@ -74,14 +74,14 @@ fn frames_stamped_late_come_back_to_the_rhythm() {
         for (name, largest, raw) in [("1 ms", 0.02, 1.0), ("3 ms", 0.03, 3.0), ("8 ms", 0.06, 8.0)] {
             let mut random = Congruential::new(seed);
             let given = delayed(400, |_| raw * MS * normal(&mut random));
-            let (error, unsure) = judged(&given, 50);
+            let (error, unsure) = judge(&given, 50);
             assert!(error < largest && unsure < 0.08, "jitter of {name}, seed {seed}: {error:.3}, {unsure:.3}");
         }
         for late_ms in [20.0, 40.0] {
             let mut random = Congruential::new(seed);
             let mut late = || if random.unit() < 0.1 { late_ms * MS * random.unit() } else { 0.0 };
             let given = delayed(400, |_| late());
-            let (error, unsure) = judged(&given, 50);
+            let (error, unsure) = judge(&given, 50);
             assert!(error < 0.03 && unsure < 0.04, "a tenth late by up to {late_ms} ms, seed {seed}: {error:.3}, {unsure:.3}");
         }
     }
@@ -91,7 +91,7 @@ fn frames_stamped_late_come_back_to_the_rhythm() {
 fn bursts_are_spread_out() {
     for size in 2..=8 {
         let given = delayed(400, |n| (size - 1 - n % size) as f64 * (PERIOD_NS - 1e6));
-        let (error, unsure) = judged(&given, 60);
+        let (error, unsure) = judge(&given, 60);
         assert!(error < 0.02 && unsure < 0.01, "bursts of {size}: {error:.3}, {unsure:.3}");
     }
 }
@@ -153,7 +153,7 @@ fn gaps_behind_jitter_are_real_time() {
         let mut random = Congruential::new(seed);
         let given = delayed(500, |_| 3e6 * normal(&mut random));
         let kept: Vec<Given> = given.into_iter().filter(|_| random.unit() > 0.15).collect();
-        let (error, unsure) = judged(&kept, 50);
+        let (error, unsure) = judge(&kept, 50);
         assert!(error < 0.04 && unsure < 0.06, "seed {seed}: {error:.3}, {unsure:.3}");
     }
 }
@@ -189,7 +189,7 @@ fn nonsense_is_survived() {
 #[test]
 fn equal_and_backward_times_are_the_rhythm() {
     let given = delayed(200, |n| if n % 10 == 9 { -PERIOD_NS } else { 0.0 });
-    let (error, unsure) = judged(&given, 0);
+    let (error, unsure) = judge(&given, 0);
     assert!(error < 0.01 && unsure < 0.25, "equal: {error:.3}, {unsure:.3}");
     let given = delayed(200, |n| -2e8 * (n / 30) as f64);
     let errors = errors(&given, 0);

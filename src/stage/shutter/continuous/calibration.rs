@@ -271,7 +271,8 @@ impl Calibrator {
         }
         // the rows of the next frame are drawn by a readout time that is nearer to what is believed, as far as the pictures confirm it
         let believed_s = self.readout_s();
-        let goal_s = if self.unknown[0] { self.search.drawn(believed_s, self.learned(times.interval_s)) } else { believed_s };
+        let goal_s =
+            if self.unknown[0] { self.search.readout_to_draw(believed_s, self.learned(times.interval_s)) } else { believed_s };
         self.drawn_s += GLIDE * (goal_s - self.drawn_s);
     }
 
@@ -292,7 +293,7 @@ impl Calibrator {
         {
             return self.restart(0.5 * (least_s + most_s), interval_s, filter);
         }
-        let shift = self.limited(wanted, [least_s, most_s], interval_s);
+        let shift = self.limit(wanted, [least_s, most_s], interval_s);
         let width = self.size[0] as f64;
         let Calibration { readout_s, hfov_deg, lens_k1 } = &mut self.calibration;
         readout_s.value += shift[0];
@@ -302,12 +303,12 @@ impl Calibrator {
         self.camera = self.camera.with_lens(lens_k1.value, self.size[0]);
         let offset = Pose::from_fn(|c| -(0..G).map(|g| shift[g] * self.anchor[g][c]).sum::<f64>());
         filter.move_calibration(shift, &offset);
-        self.evidence.moved(shift, &marginal);
+        self.evidence.move_origin(shift, &marginal);
         self.state_sigmas(wanted, shift, interval_s);
     }
 
     /// The part of a wanted shift of the parameters that stays inside of what cameras are and of what the search says, and is not far.
-    fn limited(&self, [readout, log_focal, lens]: [f64; G], [least_s, most_s]: [f64; 2], interval_s: f64) -> [f64; G] {
+    fn limit(&self, [readout, log_focal, lens]: [f64; G], [least_s, most_s]: [f64; 2], interval_s: f64) -> [f64; G] {
         let width = self.size[0] as f64;
         let focal = |hfov_deg: f64| 0.5 * width / (0.5 * hfov_deg.to_radians()).tan();
         let step = readout.clamp(-READOUT_STEP * interval_s, READOUT_STEP * interval_s);
@@ -440,13 +441,13 @@ mod tests {
     fn parameters_move_a_step_at_a_time_and_stay_within_what_cameras_are() {
         let mut calibrator = calibrator(Optics::default());
         let most = LONGEST_READOUT * INTERVAL_S;
-        let [readout, log_focal, lens] = calibrator.limited([1.0, 1.0, 1.0], [-most, most], INTERVAL_S);
+        let [readout, log_focal, lens] = calibrator.limit([1.0, 1.0, 1.0], [-most, most], INTERVAL_S);
         for (moved, step) in [(readout, READOUT_STEP * INTERVAL_S), (log_focal, FOCAL_STEP), (lens, LENS_STEP)] {
             assert!((moved - step).abs() < 1e-12, "{moved} {step}");
         }
         calibrator.calibration.lens_k1.value = LENS_LIMIT - 0.001;
         calibrator.camera = Pinhole::new([640, 480], HFOV_LIMITS_DEG[0] + 0.5);
-        let [readout, log_focal, lens] = calibrator.limited([1.0, 1.0, 1.0], [-most, 0.76 * INTERVAL_S], INTERVAL_S);
+        let [readout, log_focal, lens] = calibrator.limit([1.0, 1.0, 1.0], [-most, 0.76 * INTERVAL_S], INTERVAL_S);
         assert!((readout - 0.01 * INTERVAL_S).abs() < 1e-12 && (lens - 0.001).abs() < 1e-12, "{readout} {lens}");
         assert!(log_focal > 0.0 && log_focal < 0.02, "{log_focal}");
     }

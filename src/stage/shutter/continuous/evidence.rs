@@ -76,7 +76,7 @@ impl Evidence {
     }
 
     /// The origin was moved by `shift`, after the filter said `marginal`.
-    pub fn moved(&mut self, shift: [f64; G], marginal: &Marginal) {
+    pub fn move_origin(&mut self, shift: [f64; G], marginal: &Marginal) {
         self.last = *marginal;
         self.last.move_origin(shift);
         self.sum.move_origin(shift);
@@ -147,7 +147,7 @@ mod tests {
         let mut evidence = Evidence::new([1.0, 0.5, 0.0]);
         let mut seen = marginal([3.0, 4.0, 0.0], [1.0, -1.0, 0.0]);
         let shift = evidence.add(&seen);
-        evidence.moved(shift, &seen);
+        evidence.move_origin(shift, &seen);
         seen.move_origin(shift);
         // nothing new was measured; the evidence fades a little, towards the prior
         let again = evidence.add(&seen);

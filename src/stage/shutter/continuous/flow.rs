@@ -85,7 +85,7 @@ impl Flow {
     }
 
     /// Mean square of what was found of value `k`, (pixels / s)^2.
-    fn found(&self, k: usize) -> f64 {
+    fn mean_square(&self, k: usize) -> f64 {
         self.squares[k] / self.pixel[k % 4]
     }
 
@@ -93,7 +93,8 @@ impl Flow {
     pub fn variance(&self, k: usize) -> f64 {
         let (zoom, channel) = (k - k % 4 + ZOOM, k % 4);
         let turns = channel < 2;
-        let found = if turns { self.found(k).max(BY_ZOOM * BY_ZOOM * self.found(zoom)) } else { self.found(k) };
+        let found =
+            if turns { self.mean_square(k).max(BY_ZOOM * BY_ZOOM * self.mean_square(zoom)) } else { self.mean_square(k) };
         self.pixel[channel] * (MORE * found).max(MIN_PX * MIN_PX) + self.first[channel]
     }
 
@@ -111,7 +112,7 @@ impl Flow {
         kept.iter_mut().zip(present).for_each(|(kept, now)| *kept += news * (now - *kept));
         let kept = *kept;
         let holds: [f64; BINS] = std::array::from_fn(|bin| {
-            let flow: f64 = [0, 1, ZOOM].iter().map(|channel| self.found(4 * bin + channel)).sum();
+            let flow: f64 = [0, 1, ZOOM].iter().map(|channel| self.mean_square(4 * bin + channel)).sum();
             kept[bin] / (flow + HOLDING_PX * HOLDING_PX)
         });
         let sum = holds.iter().sum::<f64>().max(1e-12);

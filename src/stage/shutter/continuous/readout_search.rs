@@ -96,7 +96,7 @@ impl ReadoutSearch {
     /// it as well, no comparison within a pair of frames sees it. Where the slopes say nothing yet, the part is what is `learned` of the
     /// readout time (0 to 1), and grows with the number of pairs in which the picture moved: rows of a picture at rest would only be moved by
     /// noise.
-    pub fn drawn(&self, readout_s: f64, learned: f64) -> f64 {
+    pub fn readout_to_draw(&self, readout_s: f64, learned: f64) -> f64 {
         let carried = (self.moving / MIN_PAIRS).max(learned).min(1.0);
         self.readout().map_or(carried * readout_s, |(found, deviation)| {
             let most = readout_s.signum() * found + deviation / CAUTION;
@@ -136,14 +136,14 @@ mod tests {
             [(0.8, 0.8, 0.8), (0.2, 0.8, 0.2), (0.0, 0.7, 0.0), (-0.6, -0.6, -0.6), (-0.6, 0.6, 0.0)]
         {
             let mut search = ReadoutSearch::default();
-            assert_eq!(search.drawn(believed * interval, 0.0), 0.0, "nothing was seen");
-            assert_eq!(search.drawn(believed * interval, 1.0), believed * interval, "nor need it be");
+            assert_eq!(search.readout_to_draw(believed * interval, 0.0), 0.0, "nothing was seen");
+            assert_eq!(search.readout_to_draw(believed * interval, 1.0), believed * interval, "nor need it be");
             for k in 0..90 {
                 let turn = |k: i32| 0.01 * (0.3 * f64::from(k)).sin();
                 let lean = readout * 0.5 * (turn(k + 1) - turn(k - 1)) + 1e-4 * (9.7 * f64::from(k)).sin();
                 search.add([turn(k), 0.0], [lean, 0.0], interval, least);
             }
-            let drawn = search.drawn(believed * interval, 0.0) / interval;
+            let drawn = search.readout_to_draw(believed * interval, 0.0) / interval;
             assert!((drawn - wanted).abs() < 0.05, "{readout} {believed}: {drawn}");
         }
     }
@@ -154,7 +154,7 @@ mod tests {
         for _ in 0..30 {
             search.add([0.01, 0.0], [0.0; 2], 1.0 / 30.0, 1e-3);
         }
-        assert_eq!((search.readout(), search.drawn(0.02, 0.0)), (None, 0.02));
+        assert_eq!((search.readout(), search.readout_to_draw(0.02, 0.0)), (None, 0.02));
     }
 
     #[test]
@@ -164,6 +164,6 @@ mod tests {
             let noise = 4e-4 * f64::from(k % 2);
             search.add([noise, 0.0], [noise, 0.0], 1.0 / 30.0, 1e-3);
         }
-        assert_eq!((search.readout(), search.drawn(0.02, 0.0)), (None, 0.0));
+        assert_eq!((search.readout(), search.readout_to_draw(0.02, 0.0)), (None, 0.0));
     }
 }
