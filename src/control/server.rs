@@ -19,9 +19,9 @@ use super::{BoundSocket, DaemonState, Limits, RefusalKind, Reply, Request, socke
 use crate::config::Control;
 use crate::rt::notifier::Notifier;
 
-/// After a failure to accept a connection (no descriptor left), none is accepted for so long.
+/// After a failure to accept a connection (no descriptor left), none is accepted for this long.
 const REST: Duration = Duration::from_millis(200);
-/// Connections that are accepted one after the other before those who are connected have their turn.
+/// Connections that are accepted in a row before existing ones are served again.
 const ACCEPTED_AT_ONCE: usize = 16;
 
 /// Where clients connect.
@@ -29,12 +29,12 @@ const ACCEPTED_AT_ONCE: usize = 16;
 pub struct Server {
     place: BoundSocket,
     limits: Limits,
-    /// Rings when the configuration has been read.
+    /// Notified when the configuration has been read.
     reloaded: Notifier,
 }
 
 impl Server {
-    /// Listens where the settings say. What cannot be is told in the log: a picture without a socket is better than none. `service` is
+    /// Listens where the settings say. Failures are logged and not fatal: a service without a socket is better than none. `service` is
     /// the service's runtime directory. `None` where there is no socket.
     pub fn open(settings: &Control, service: Option<PathBuf>) -> Option<Self> {
         let path = match settings.socket.as_str() {
@@ -99,7 +99,7 @@ impl Server {
     }
 }
 
-/// Who wants something.
+/// Descriptors that are ready.
 #[derive(Default)]
 struct Ready {
     newcomers: bool,
@@ -107,7 +107,7 @@ struct Ready {
     sessions: Vec<bool>,
 }
 
-/// What the loop goes round with.
+/// State of the event loop.
 struct Serving<'a> {
     server: &'a Server,
     state: &'a Arc<DaemonState>,
@@ -115,12 +115,12 @@ struct Serving<'a> {
     quotas: Quotas,
     accepted: TokenBucket,
     sessions: Vec<Session>,
-    /// Until when no connection is accepted.
+    /// No connection is accepted before this time.
     resting: Option<Instant>,
 }
 
 impl Serving<'_> {
-    /// Waits until there is something to do; `None` where it is to end.
+    /// Waits until a descriptor is ready; `None` when the server is to stop.
     fn wait(&mut self, done: &Notifier) -> Option<Ready> {
         let now = Instant::now();
         self.resting = self.resting.filter(|until| *until > now);
@@ -152,7 +152,7 @@ impl Serving<'_> {
         Some(Ready { newcomers: accepts && readable[2], sessions })
     }
 
-    /// After how long there is something to do in any case; `None` where there is nothing.
+    /// Time until the next timeout; `None` where there is none.
     fn timeout(&self, now: Instant, accepts: bool) -> Option<Duration> {
         let left = |at: Instant| at.saturating_duration_since(now);
         let sessions = self.sessions.iter().filter_map(|session| match session.at() {
@@ -165,13 +165,13 @@ impl Serving<'_> {
         Some(if soonest.is_zero() { soonest } else { soonest + Duration::from_millis(1) })
     }
 
-    /// Reads and writes what goes at once.
+    /// Reads and writes as much as possible without blocking.
     fn talk(&mut self, ready: &[bool], now: Instant) {
         let mut ready = ready.iter();
         self.sessions.retain_mut(|session| ready.next() != Some(&true) || session.talk(now));
     }
 
-    /// Accepts those who wait to be connected. A process that connects too often is told so and not served.
+    /// Accepts pending connections. A process that connects too often gets an error and is not served.
     fn accept(&mut self, now: Instant) {
         for _ in 0..ACCEPTED_AT_ONCE {
             if !self.accepted.has(now) {
@@ -203,7 +203,7 @@ impl Serving<'_> {
         }
     }
 
-    /// Tells those who wait for the configuration to be read what came of it.
+    /// Sends the result to clients that wait for the configuration to be read.
     fn tell_reloaded(&mut self, now: Instant) {
         while let Ok(Reloaded { ticket, result }) = self.reloaded.try_recv() {
             let reply = match result {
@@ -214,7 +214,7 @@ impl Serving<'_> {
         }
     }
 
-    /// Answers one request of each session that may have one answered, the most modest first.
+    /// Answers one request of each session within its quotas, those with the fewest requests first.
     fn answer(&mut self, now: Instant) {
         let mut over = Vec::new();
         for index in self.quotas.order(&self.sessions, now) {
@@ -243,7 +243,7 @@ impl Serving<'_> {
         });
     }
 
-    /// Hangs up on those who take too long, and tells those for whom the configuration does.
+    /// Closes connections that time out, and answers clients whose reload takes too long.
     fn end_late(&mut self, now: Instant) {
         let limits = &self.server.limits;
         self.sessions.retain_mut(|session| {

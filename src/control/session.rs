@@ -11,14 +11,14 @@ use rustix::event::PollFlags;
 use super::token_bucket::TokenBucket;
 use super::{LONGEST_REQUEST, Limits, Reply, RequestError};
 
-/// The user id that stands for every user who has none in this user namespace. With systemd's PrivateUsers= these are all but root
+/// The user id of all users that have none in this user namespace (overflow uid). With systemd's PrivateUsers= these are all but root
 /// and the service's own.
 const UNMAPPED: u32 = 65534;
 
-/// Bytes that are read at once.
+/// Bytes per read.
 const READ: usize = 4096;
 
-/// The process at the other end, as the kernel had it when it connected.
+/// The peer process, as the kernel recorded it at the time of the connection.
 #[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
 pub(super) struct Peer {
     /// Its user.
@@ -34,7 +34,7 @@ impl Peer {
         asked.map_or(Self { uid: UNMAPPED, pid: 0 }, |who| Self { uid: who.uid.as_raw(), pid: who.pid.as_raw_pid() })
     }
 
-    /// Whether it is root or the daemon's own user. Who has no user id here is neither, even where the daemon runs as that user.
+    /// Whether it is root or the daemon's own user. A user without an id in this namespace is neither, even if the daemon has that id too.
     pub(super) fn is_trusted(self) -> bool {
         self.uid != UNMAPPED && (self.uid == 0 || self.uid == rustix::process::geteuid().as_raw())
     }
@@ -49,18 +49,18 @@ impl fmt::Display for Peer {
     }
 }
 
-/// What a session is at.
+/// State of a session.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum At {
-    /// Nothing was asked.
+    /// No request.
     Rest,
-    /// A request has begun to arrive.
+    /// Part of a request was received.
     Arriving,
-    /// A whole request waits for its turn.
+    /// A complete request waits for its turn.
     Ready,
-    /// The reply comes when the configuration has been read.
+    /// The reply is sent when the configuration has been read.
     Reloading,
-    /// A reply waits to be taken. Nothing is read meanwhile, so a client that takes nothing cannot make it grow.
+    /// A reply is being sent. Nothing is read meanwhile, so a client that does not read cannot make it grow.
     Giving,
 }
 
@@ -70,19 +70,19 @@ pub(super) struct Session {
     stream: UnixStream,
     pub(super) peer: Peer,
     pub(super) trusted: bool,
-    /// Requests that this connection may still have answered.
+    /// Requests that this connection may still make.
     pub(super) bucket: TokenBucket,
     input: Vec<u8>,
     /// Bytes of the first whole line in `input`, its end not counted.
     line: Option<usize>,
     output: Vec<u8>,
-    /// The ticket of the reading that is waited for.
+    /// The ticket of the reload that the session waits for.
     reload: Option<u64>,
-    /// Hung up on when the reply is taken.
+    /// Close the connection when the reply is sent.
     last: bool,
-    /// The client says no more.
+    /// The client has closed its side.
     ended: bool,
-    /// Since when it has been at what it is at.
+    /// When the state began.
     since: Instant,
 }
 
@@ -105,7 +105,7 @@ impl Session {
         })
     }
 
-    /// What it is at.
+    /// The state.
     pub(super) fn at(&self) -> At {
         if !self.output.is_empty() {
             At::Giving
@@ -120,12 +120,12 @@ impl Session {
         }
     }
 
-    /// Since when.
+    /// When the state began.
     pub(super) fn since(&self) -> Instant {
         self.since
     }
 
-    /// The descriptor and what to wait for; `None` where it is not the client that is waited for.
+    /// The descriptor and the events to wait for; `None` while the session waits for something other than the client.
     pub(super) fn wish(&self) -> Option<(BorrowedFd<'_>, PollFlags)> {
         let wish = match self.at() {
             At::Giving => PollFlags::OUT,
@@ -135,7 +135,7 @@ impl Session {
         Some((self.stream.as_fd(), wish))
     }
 
-    /// How long it may stay at what it is at; `None` where it is not its doing.
+    /// How long it may stay in its state; `None` where that does not depend on the client.
     pub(super) fn time_limit(&self, limits: &Limits) -> Option<Duration> {
         match self.at() {
             At::Rest => Some(limits.idle),
@@ -145,7 +145,7 @@ impl Session {
         }
     }
 
-    /// Reads or writes what goes at once; false when the connection is over.
+    /// Reads or writes as much as possible without blocking; false when the connection is closed.
     pub(super) fn talk(&mut self, now: Instant) -> bool {
         match self.at() {
             At::Giving => self.give(now),
@@ -179,7 +179,7 @@ impl Session {
         self.line = self.input.iter().position(|byte| *byte == b'\n');
     }
 
-    /// Takes the request whose turn it is out of what was read, without its line end.
+    /// Removes the next request from the input, without its line end.
     pub(super) fn take_line(&mut self, now: Instant) -> Option<Vec<u8>> {
         let length = self.line?;
         let mut line: Vec<u8> = self.input.drain(..=length).collect();
@@ -192,17 +192,17 @@ impl Session {
         Some(line)
     }
 
-    /// Has the session wait for the reading with this ticket.
+    /// Makes the session wait for the reload with this ticket.
     pub(super) fn await_reload(&mut self, ticket: u64, now: Instant) {
         (self.reload, self.since) = (Some(ticket), now);
     }
 
-    /// Whether it waits for the reading with this ticket or an earlier one, which it does no more then.
+    /// Ends the wait for a reload with this ticket or an earlier one; whether there was one.
     pub(super) fn has_awaited(&mut self, ticket: u64) -> bool {
         self.reload.take_if(|waited| *waited <= ticket).is_some()
     }
 
-    /// Replies; false when the connection is over.
+    /// Replies; false when the connection is closed.
     pub(super) fn reply(&mut self, reply: &Reply, now: Instant) -> bool {
         self.output = reply.line().into_bytes();
         self.since = now;
@@ -216,14 +216,14 @@ impl Session {
             Err(error) => return is_passing(error.kind()),
         }
         if self.output.is_empty() {
-            // Gives back the memory of a long reply.
+            // Frees the memory of a long reply.
             self.output = Vec::new();
             self.since = now;
         }
         !self.is_over()
     }
 
-    /// Tells why the connection ends, where nothing else is being told.
+    /// Sends the reason why the connection is closed, unless another reply is being sent.
     pub(super) fn dismiss(&self, why: &Reply) {
         if self.at() != At::Giving {
             dismiss(&self.stream, why);
@@ -239,7 +239,7 @@ impl Session {
     }
 }
 
-/// Tells one who is not served why, as far as this goes at once.
+/// Sends a rejected client the reason, as far as that does not block.
 pub(super) fn dismiss(mut stream: &UnixStream, why: &Reply) {
     let _ = stream.set_nonblocking(true);
     let _ = stream.write(why.line().as_bytes());

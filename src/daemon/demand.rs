@@ -2,18 +2,18 @@
 
 use std::time::Duration;
 
-/// A visit shorter than this is one of a program that looks what cameras there are.
+/// A visit shorter than this is a program that only probes cameras.
 const BRIEF_NS: i64 = 1_000_000_000;
 /// After two brief visits within this time, the camera is not opened for a third...
 const MEMORY_NS: i64 = 60_000_000_000;
 /// ...until it has lasted this long.
 const DOUBT_NS: i64 = 500_000_000;
 
-/// Follows who watches, and decides. Times are nanoseconds on any clock that does not run back.
+/// Tracks viewers and decides. Times are nanoseconds on any monotonic clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demand {
     linger_ns: i64,
-    /// Whether brief visits may be those of programs that only look what cameras there are.
+    /// Whether brief visits may be programs that only probe cameras.
     doubts: bool,
     watched: bool,
     /// When the present visit, or the time without one, began.
@@ -115,7 +115,7 @@ mod tests {
         let probes: Vec<_> = (0..20).map(|n| (30 * n, 30 * n + 3)).collect();
         assert_eq!(open(2, &probes, 600), [(0..23), (30..53)].into_iter().flatten().collect::<Vec<_>>());
         assert_eq!(open(5, &probes, 600), (0..83).collect::<Vec<_>>());
-        // Who stays is served, half a second late.
+        // A viewer that stays gets the camera half a second late.
         let staying: Vec<_> = probes.iter().copied().take(4).chain([(120, 200)]).collect();
         assert_eq!(open(2, &staying, 240).into_iter().filter(|&t| t > 60).collect::<Vec<_>>(), (125..220).collect::<Vec<_>>());
     }

@@ -8,16 +8,16 @@ use crate::device::v4l2::Capture;
 use crate::device::{DeviceError, FrameSource, Lent, StreamFormat};
 use crate::rt::log_throttle::LogThrottle;
 
-/// How often is looked at what became of the frames (nanoseconds).
+/// Interval at which the counts of frames are checked (nanoseconds).
 const LOOK_EVERY_NS: i64 = 250_000_000;
 
-/// Unusable frames are said this long after the first (nanoseconds), so that their number tells something.
+/// Unusable frames are logged this long after the first (nanoseconds), so that their number is meaningful.
 const SAY_AFTER_NS: i64 = 750_000_000;
 
-/// A camera that gave no frame for this long gives none (nanoseconds).
+/// A camera without a frame for this long counts as silent (nanoseconds).
 const SILENT_NS: i64 = 3_000_000_000;
 
-/// What is asked of a camera here.
+/// The operations of a camera that are needed here.
 pub(super) trait Camera: FrameSource {
     /// What it lost since it was opened.
     fn losses(&self) -> Losses;
@@ -42,11 +42,11 @@ impl Camera for Capture {
     }
 }
 
-/// A camera whose frames and silences leave their mark in a [`Heartbeat`].
+/// A camera whose frames and silences are recorded in a [`Heartbeat`].
 pub(super) struct MonitoredSource<'a> {
     pub(super) camera: &'a mut dyn Camera,
     pub(super) heartbeat: &'a Heartbeat<'a>,
-    /// What the daemon is at, as long as frames can be used.
+    /// The activity to report while frames are usable.
     pub(super) what: String,
     /// Those who want the camera, where there are no other viewers.
     pub(super) viewers: Option<ViewerStatus>,
@@ -54,31 +54,31 @@ pub(super) struct MonitoredSource<'a> {
     pub(super) notes: Notes,
     /// Nanoseconds on CLOCK_MONOTONIC; a test has a clock of its own.
     pub(super) clock: fn() -> i64,
-    /// Whether it was the camera that ended the run.
+    /// Whether the camera ended the run.
     pub(super) failed: bool,
     /// The step for which the run was ended, where it was.
     pub(super) step: Step,
 }
 
-/// What an [`MonitoredSource`] remembers.
+/// State of a [`MonitoredSource`].
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     /// The losses that are counted so far.
     losses: Losses,
-    /// When it was looked at the frames last; 0 before the first time.
+    /// Time of the last check; 0 before the first.
     looked_ns: i64,
-    /// Frames and usable frames, and when there were fewer for the last time.
+    /// Frames and usable frames, and when these counts last changed.
     frames: u64,
     frames_ns: i64,
     usable: u64,
     usable_ns: i64,
-    /// It is told that no frame comes.
+    /// Whether the silence is reported.
     silent: bool,
     /// Unusable frames that were logged, and when the first one was seen that was not.
     logged: u64,
     first_ns: Option<i64>,
     some: LogThrottle,
-    /// Why no frame can be used any more, in words.
+    /// Why frames are no longer usable, as text.
     none_usable: Option<String>,
     none: LogThrottle,
     /// Cut frames before this stream, and those of it that were logged.
@@ -89,7 +89,7 @@ pub(super) struct Notes {
 }
 
 impl MonitoredSource<'_> {
-    /// Looks at what became of the frames so far, says it, and says what to do.
+    /// Checks the counts of frames, logs changes, and returns what to do.
     fn look(&mut self, now_ns: i64) -> Step {
         self.heartbeat.add_losses(self.camera.losses(), &mut self.notes.losses);
         if self.notes.looked_ns == 0 {
@@ -105,7 +105,7 @@ impl MonitoredSource<'_> {
         self.recovery.look(now_ns, frames, unusable)
     }
 
-    /// Tells what the daemon is at, and what is wrong with it.
+    /// Reports the activity and problems.
     fn tell(&self) {
         let what = match &self.notes {
             Notes { silent: true, .. } => format!("{}; no frames received", self.what),
@@ -115,7 +115,7 @@ impl MonitoredSource<'_> {
         self.heartbeat.set_activity(what, Phase::Streaming);
     }
 
-    /// Tells when no frame comes, and when one does again; the capture logs it, and restarts the stream.
+    /// Reports silence and its end; the capture logs it, and restarts the stream.
     fn watch_silence(&mut self, now_ns: i64, frames: u64) {
         let notes = &mut self.notes;
         if frames > notes.frames {

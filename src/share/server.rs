@@ -24,26 +24,26 @@ use crate::rt::notifier::Notifier;
 /// The socket's name in a runtime directory.
 const NAME: &str = "pictures.sock";
 
-/// Companions at a time. One more takes the place of the one that has shown no proof for longest.
+/// Maximum number of companions. Another one replaces the one that has been without a proof for longest.
 const MAX_CONNECTIONS: usize = 8;
 
 /// Connections accepted in a second, at most; others wait.
 const MAX_ARRIVALS: u32 = 50;
 
-/// How often the camera's node is looked for while a companion that is watched could not prove anything: it may have been plugged in.
+/// How often the camera's node is looked for while a companion with viewers could not prove its access: it may have been plugged in.
 const LOOK_FOR_CAMERA: Duration = Duration::from_secs(1);
 
 /// Descriptors that wait to be closed, at most.
 const MAX_CLOSING: usize = 64;
 
-/// Who watches which pictures through companions: the daemon's handle to them. Clones are the same.
+/// The viewers of pictures through companions: the daemon's handle to them. Clones are the same.
 #[derive(Clone, Debug)]
 pub struct Companions(Arc<Known>);
 
 #[derive(Debug)]
 struct Known {
     leases: Arc<Leases>,
-    /// Notified when something of this changes.
+    /// Notified on changes.
     notifier: Notifier,
     asked: Mutex<Asked>,
     connected: AtomicU32,
@@ -59,7 +59,7 @@ struct Asked {
     camera: PathBuf,
     /// The size that is held by readers of companions.
     held: Option<(u32, u32)>,
-    /// Notified when the number of watchers changes.
+    /// Notified when the number of viewers changes.
     listener: Option<Notifier>,
 }
 
@@ -131,7 +131,7 @@ impl Companions {
         self.asked().listener = Some(notifier.clone());
     }
 
-    /// What companions are told.
+    /// The state that companions are sent.
     fn format(&self) -> Option<Format> {
         let asked = self.asked();
         let (width, height, interval) = asked.pictures?;
@@ -221,7 +221,7 @@ impl Server {
         &self.path
     }
 
-    /// Who is connected.
+    /// The connections.
     pub fn companions(&self) -> &Companions {
         &self.companions
     }
@@ -259,12 +259,12 @@ impl Drop for Server {
     }
 }
 
-/// The server's thread: what it knows from one turn to the next.
+/// State of the server's thread.
 struct Round<'a> {
     server: &'a Server,
     closing: Closing,
     connections: Vec<Connection>,
-    /// Who went, as long as the frame path may still have them.
+    /// Closed connections that the frame path may still use.
     left: Vec<Arc<Lease>>,
     format: Option<Format>,
     camera: Option<CameraNode>,
@@ -274,7 +274,7 @@ struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// Waits for something to do, and does it.
+    /// Waits for events and handles them.
     fn step(&mut self, done: &Notifier, locate: &dyn Fn() -> Option<PathBuf>) {
         let ready = self.wait(done);
         self.server.companions.0.notifier.clear();
@@ -395,7 +395,7 @@ impl Round<'_> {
     }
 }
 
-/// Who has something to say.
+/// Descriptors that are ready.
 #[derive(Default)]
 struct Ready {
     listener: bool,
