@@ -225,7 +225,7 @@ fn what_cannot_be_done_is_said_with_its_exit_code() {
     bad(65, &["standard input"], &["replay", "-", "-o", &out]);
     bad(66, &["none.toml"], &["replay", CAR, "-o", &out, "--config", "none.toml"]);
     bad(69, &["/dev/video987"], &["record", "--device", "/dev/video987", "-o", &scratch.file("r.gbr")]);
-    bad(64, &["no motion", "handheld"], &["record", "--device", "synthetic:tango", "-o", &scratch.file("r.gbr")]);
+    bad(64, &["unknown motion", "handheld"], &["record", "--device", "synthetic:tango", "-o", &scratch.file("r.gbr")]);
     bad(64, &["r.y4m", ".gbr"], &["record", "--device", "synthetic:", "-o", &scratch.file("r.y4m")]);
 }
 
