@@ -26,7 +26,7 @@ use std::f64::consts::{SQRT_2, TAU};
 use std::path::Path;
 
 use anyhow::{Context as _, bail, ensure};
-use gimbald::geometry::{Homography, OutputMap, Pinhole, Pose, RowPoses};
+use gimbald::geometry::{Homography, OutputMap, Pinhole, Pose, RowPoses, View};
 use gimbald::random::Congruential;
 use gimbald::stage::crop::{self, Window};
 use gimbald::stage::shutter::RowSpan;
@@ -196,7 +196,7 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
         }
         let (pose, step_s) = (at(log.frames[k] + half), interval(k));
         window.glide(step_s);
-        let view = window.view();
+        let view = View::from(window.view());
         let mut rows = RowPoses {
             samples: [Pose::default(); RowPoses::SAMPLES],
             spacing: (log.size[1] - 1) as f64 / (RowPoses::SAMPLES - 1) as f64,
@@ -209,8 +209,9 @@ fn drive(log: &Log, setup: &Setup, tuning: &Tuning, gain: f64) -> Driven {
             let turn = camera.turned(-correction);
             OutputMap::Rows {
                 window: Homography::IDENTITY,
-                view: Homography(turn.0 * view.0).scaled(),
+                view: Homography(turn.0 * view.window.0).scaled(),
                 camera,
+                kept: 0.0,
                 rows: rows.part(part),
             }
         };

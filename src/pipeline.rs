@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 
 use crate::device::{DeviceError, FrameSink, StreamFormat};
 use crate::frame::{Frame, FrameContext, HoldReason, Moment, Outcome, PassReason, Stage};
-use crate::geometry::{Calibration, Pose};
+use crate::geometry::{Calibration, Pose, View};
 use crate::image::{PictureRef, Sampling};
 use crate::kernel::Level;
 use crate::rt::clock;
@@ -70,6 +70,7 @@ pub struct Stabilizer {
     smoother: smooth::Smoother,
     trust: trust::Trust,
     presence: presence::Presence,
+    straightening: presence::Presence,
     warper: warp::Warper,
     /// Frames under way, oldest first: some sent and still looked back at, then those that wait.
     slots: VecDeque<Slot>,
@@ -149,6 +150,7 @@ impl Stabilizer {
             smoother: smooth::Smoother::new(&params.smooth),
             trust: trust::Trust::default(),
             presence: presence::Presence::new(params.enabled),
+            straightening: presence::Presence::new(params.straighten),
             warper,
             slots: VecDeque::with_capacity(FRAMES + ahead(lookahead_s, nominal_s)),
             lookahead_s,
@@ -172,9 +174,11 @@ impl Stabilizer {
     /// points and tracks from bad ones counts from the next frame. What memory or a calibration was made for stays as it was: the
     /// camera, the count of points, their window, the seed, the shutter model. Takes no memory.
     pub fn set_params(&mut self, params: &Params) {
-        let Params { enabled, camera: _, detect, track, fit, shutter: _, smooth, crop, warp } = params;
-        (self.params.enabled, self.params.smooth, self.params.crop, self.params.warp) = (*enabled, *smooth, *crop, *warp);
+        let Params { enabled, straighten, camera: _, detect, track, fit, shutter: _, smooth, crop, warp } = params;
+        (self.params.enabled, self.params.straighten) = (*enabled, *straighten);
+        (self.params.smooth, self.params.crop, self.params.warp) = (*smooth, *crop, *warp);
         self.presence.switch(*enabled);
+        self.straightening.switch(*straighten);
         self.detector.set_params(detect);
         self.tracker.set_params(track);
         self.fitter.set_params(fit);
@@ -241,6 +245,7 @@ impl Stabilizer {
         self.smoother.begin();
         self.trust = trust::Trust::default();
         self.presence = presence::Presence::new(self.params.enabled);
+        self.straightening = presence::Presence::new(self.params.straighten);
         (self.known_ns, self.known_s, self.interval_s) = (None, 0.0, 0.0);
         frame.context.outcome = Outcome::PassedThrough(PassReason::First);
         timed(frame, Stage::Pyramid, |frame| pyramid::build(self.level, frame.picture.luma(), &mut frame.pyramid));
@@ -323,7 +328,7 @@ impl Stabilizer {
             let mut gains = Gains::new(trust, presence, motion.agreement);
             let fade = gains.fade();
             self.window.glide(interval_s);
-            let view = self.window.view();
+            let view = View { window: self.window.view(), straighten: self.straightening.step(interval_s) };
             gains.rows_margin =
                 self.window.rows_margin(&view, |part| self.shutter.map(&motion, motion.path, part * fade, &view));
             let rows = gains.rows();

@@ -161,7 +161,7 @@ fn every_live_key_glides() {
     const CHANGES: [usize; 2] = [50, 90];
     let shots = &shaken(Motion::Handheld)[..130];
     let mut tried = 0;
-    for base in ["smooth.mode=adaptive", "smooth.mode=iir", "crop.border=mirror"] {
+    for base in ["smooth.mode=adaptive", "smooth.mode=iir", "crop.border=mirror", "camera.lens_k1=-0.12"] {
         let base = Settings::read(None, &[base.to_owned()]).unwrap();
         let far = carried(shots, &base.pipeline, &[], 0);
         let far = (1..far.len()).map(|n| step(&far, n)).fold(0.0, f64::max);

@@ -152,7 +152,7 @@ fn warps(tell: &mut Tell<'_>, against: f64, picture: &Picture) {
     let mut drawn = Picture::new(Sampling::S420, size[0], size[1]);
     for (name, roll, turn) in [("warp", 0.3, 0.7), ("warp0", 0.0, 0.0), ("warp3", 3.0, 2.0)] {
         let view = Homography(camera.turned(Pose([0.005, -0.004, f64::to_radians(roll), 0.0])).0 * zoomed);
-        let map = OutputMap::Rows { window: Homography::IDENTITY, view, camera, rows: rows(turn) };
+        let map = OutputMap::Rows { window: Homography::IDENTITY, view, camera, kept: camera.bend, rows: rows(turn) };
         tell(name, against, &mut |level| {
             warp::Warper::new(&warp::Params::default(), level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
             black_box(&mut drawn);

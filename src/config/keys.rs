@@ -297,6 +297,13 @@ pub const KEYS: &[Key] = &[
         kind: choice!(pipeline.warp.filter, "auto" => None, "bicubic" => Some(Filter::Bicubic), "bilinear" => Some(Filter::Bilinear)),
     },
     Key {
+        name: "warp.straighten",
+        unit: "",
+        doc: "Draw lines straight that the lens bends (camera.lens_k1; continuous model). The picture loses some of its sides. Off, the picture keeps the look of the lens.",
+        live: true,
+        kind: switch!(pipeline.straighten),
+    },
+    Key {
         name: "output.device",
         unit: "",
         doc: "The v4l2loopback device: a path, a number, or its label. \"auto\" uses the first one that is free.",

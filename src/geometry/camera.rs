@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::{Homography, PerChannel, Pose};
+use super::{Homography, PerChannel, Pose, hypot};
 
 /// A camera: focal length, principal point (pixels), and what its lens does.
 ///
@@ -106,6 +106,24 @@ impl Pinhole {
         let root = (1.0 - 4.0 * self.bend * (u * u + v * v)).max(0.0).sqrt();
         let scale = 2.0 / (1.0 + root);
         [self.centre[0] + scale * u, self.centre[1] + scale * v]
+    }
+
+    /// The same camera with a lens that bends by `bend` ([`Pinhole::bend`]).
+    pub fn with_bend(self, bend: f64) -> Self {
+        Self { bend, ..self }
+    }
+
+    /// The scale at which this camera's picture, drawn with a lens that bends by `bend` instead, shows nothing beyond its edges: a pixel
+    /// of the redrawn picture, scaled from the principal point, is one of this picture. It keeps as much as there is room for.
+    pub fn fill(&self, bend: f64) -> f64 {
+        let drawn = self.with_bend(bend);
+        let [cx, cy] = self.centre;
+        // how far a point is moved grows or falls with its distance, so that the nearest or the furthest of the outline decides
+        let scales = [[0.0, cy], [cx, 0.0], [0.0, 0.0]].map(|edge| {
+            let to = drawn.bent(self.straight(edge));
+            hypot(to[0] - cx, to[1] - cy) / hypot(edge[0] - cx, edge[1] - cy)
+        });
+        scales.into_iter().fold(f64::INFINITY, f64::min)
     }
 
     /// Derivative of a pixel by the camera's pose: rows x and y, columns yaw, pitch, roll, log zoom (pixels per radian, pixels).

@@ -10,5 +10,5 @@ mod pose;
 pub use camera::{Calibration, Estimate, Pinhole};
 pub use homography::Homography;
 pub use length::hypot;
-pub use map::{OutputMap, ROW_ROUNDS, RowMotion, RowPoses};
+pub use map::{OutputMap, ROW_ROUNDS, RowMotion, RowPoses, View};
 pub use pose::{PITCH, PerChannel, Pose, ROLL, YAW, ZOOM};

@@ -27,6 +27,8 @@ impl Camera {
 pub struct Params {
     /// Whether the picture is stabilized; if false, it is only cropped.
     pub enabled: bool,
+    /// Whether straight lines that the lens bends are drawn straight; costs some of the picture's sides.
+    pub straighten: bool,
     /// The camera.
     pub camera: Camera,
     /// Corners.
@@ -49,6 +51,7 @@ impl Default for Params {
     fn default() -> Self {
         Self {
             enabled: true,
+            straighten: false,
             camera: Camera::default(),
             detect: detect::Params::default(),
             track: track::Params::default(),

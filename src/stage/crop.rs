@@ -10,7 +10,7 @@ mod bounds;
 
 use nalgebra::Matrix3;
 
-use crate::geometry::{Homography, OutputMap, PerChannel, Pose};
+use crate::geometry::{Homography, OutputMap, PerChannel, Pose, View};
 pub use bounds::Rows;
 pub(crate) use bounds::{Bounds, CORNERS, Corner};
 
@@ -172,11 +172,11 @@ impl Window {
 
     /// The share of the margin that a map uses: 0 where it moves nothing, 1 where the outline touches the picture's edge, more
     /// outside. Infinite where there is no margin and the map moves something.
-    pub fn crop_use(&self, map: &OutputMap, view: &Homography) -> f64 {
+    pub fn crop_use(&self, map: &OutputMap, view: &View) -> f64 {
         let [least, limit] = self.limits();
         let mut most = 0.0f64;
         for point in self.outline() {
-            let (here, rest) = (map.apply(point), view.apply(point));
+            let (here, rest) = (map.apply(point), map.at_rest(point, view));
             for i in 0..2 {
                 let margin = if here[i] < rest[i] { rest[i] - least[i] } else { limit[i] - rest[i] };
                 let moved = (here[i] - rest[i]).abs();
@@ -194,7 +194,7 @@ impl Window {
 
     /// The corrections for which the outline stays inside, as half-spaces around the correction `near`. `map` gives the map for a
     /// correction: a difference of poses, in whatever units the path has.
-    pub fn bounds(&self, view: &Homography, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Bounds {
+    pub fn bounds(&self, view: &View, near: Pose, map: impl Fn(Pose) -> OutputMap) -> Bounds {
         let [least, limit] = self.limits();
         let (middle, mut beside) = (map(near), [OutputMap::default(); 4]);
         for (c, moved) in beside.iter_mut().enumerate() {
@@ -204,7 +204,7 @@ impl Window {
         }
         let mut bounds = Bounds::default();
         for point in self.outline() {
-            let (here, rest) = (middle.apply(point), view.apply(point));
+            let (here, rest) = (middle.apply(point), middle.at_rest(point, view));
             let moved = beside.map(|map| map.apply(point));
             for i in 0..2 {
                 let slope: PerChannel = std::array::from_fn(|c| (moved[c][i] - here[i]) / STEP);
@@ -223,7 +223,7 @@ impl Window {
     }
 
     /// The largest part (0 to 1) of a correction for which the outline stays inside; part 0 must.
-    pub fn correction_part(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+    pub fn correction_part(&self, view: &View, map: impl Fn(f64) -> OutputMap) -> f64 {
         if self.crop_use(&map(1.0), view) <= 1.0 {
             return 1.0;
         }
@@ -237,7 +237,7 @@ impl Window {
 
     /// The largest part (0 to 1) of the rows' motion for which the outline stays inside, softened from [`KNEE`] of the margin on.
     /// `map` gives the map for a part of the motion, part 0 must stay inside.
-    pub fn rows_margin(&self, view: &Homography, map: impl Fn(f64) -> OutputMap) -> f64 {
+    pub fn rows_margin(&self, view: &View, map: impl Fn(f64) -> OutputMap) -> f64 {
         let whole = self.crop_use(&map(1.0), view);
         let rest = self.crop_use(&map(0.0), view);
         if whole.max(rest) <= KNEE {
@@ -282,10 +282,11 @@ mod tests {
             window: Homography::IDENTITY,
             view: Homography(camera.turned(-e).0 * view.0).scaled(),
             camera,
+            kept: 0.0,
             rows,
         };
         for near in [[0.0; 4], [0.02, 0.01, 0.0, 0.0], [-0.02, 0.015, 0.01, 0.0], [0.01, -0.02, -0.02, 0.005]].map(Pose) {
-            let bounds = window.bounds(&view, near, map);
+            let bounds = window.bounds(&view.into(), near, map);
             for c in 0..4 {
                 for edge in bounds.interval(c, &near, Rows::Moving) {
                     // a plane is exact near the correction it was made for, not right across the window
@@ -294,7 +295,7 @@ mod tests {
                     }
                     let mut at = near;
                     at[c] = edge;
-                    let off = window.crop_use(&map(at), &view);
+                    let off = window.crop_use(&map(at), &view.into());
                     assert!(
                         (off - 1.0).abs() < if c == 3 { 0.06 } else { 0.03 },
                         "channel {c} of {near:?} at its edge {edge}: reach {off}"
@@ -315,7 +316,7 @@ mod tests {
         let alone = |window: &Window| {
             let view = window.view();
             let map = |e: Pose| OutputMap::Projective(Homography(camera.turned(-e).0 * view.0));
-            window.bounds(&view, Pose::default(), map).alone()
+            window.bounds(&view.into(), Pose::default(), map).alone()
         };
         // no magnification, and about the room of the largest one
         let [wide, hidden] =

@@ -1,9 +1,9 @@
-//! Stabilization switched on and off: the correction fades in and out, with no edge at either end; nothing else changes.
+//! What is switched on and off while running, stabilization or the straightening of lines, fades in and out, with no edge at either end.
 
-/// Seconds in which the whole correction comes or goes.
+/// Seconds in which all of it comes or goes.
 const FADE_S: f64 = 1.0;
 
-/// The part of the correction that is shown.
+/// The part that is shown.
 #[derive(Clone, Copy, Debug)]
 pub struct Presence {
     level: f64,
@@ -11,7 +11,7 @@ pub struct Presence {
 }
 
 impl Presence {
-    /// All of the correction where it is `on`, else none of it.
+    /// All of it where it is `on`, else none.
     pub fn new(on: bool) -> Self {
         Self { level: if on { 1.0 } else { 0.0 }, on }
     }

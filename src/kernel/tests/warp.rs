@@ -163,6 +163,7 @@ fn nodes_and_lines_stay_in_their_slices() {
                 window: std::array::from_fn(|_| random.of(&extremes)),
                 centre: [random.of(&extremes), random.of(&extremes)],
                 bend: random.of(&extremes),
+                kept: random.of(&extremes),
             };
             let mesh = Mesh { view, lens: (count % 3 == 0).then_some(lens), rows: (count % 2 == 0).then_some(rows) };
             let mut first: Option<[Vec<i32>; 2]> = None;

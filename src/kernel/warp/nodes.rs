@@ -24,12 +24,14 @@ pub struct Mesh {
 /// A lens that bends: what is seen at p from its centre, a pinhole would show at p / (1 + bend |p|^2).
 #[derive(Clone, Debug)]
 pub struct Lens {
-    /// Takes output pixels to a picture of this lens (row by row).
+    /// Takes output pixels to a picture of a lens that bends by `kept` (row by row).
     pub window: [f64; 9],
     /// Its centre, pixels.
     pub centre: [f64; 2],
     /// 1 / pixels^2.
     pub bend: f64,
+    /// The bend that the output keeps, 1 / pixels^2: as much as the lens's, unless straight lines are drawn straight.
+    pub kept: f64,
 }
 
 /// Motion of rows: yaw, pitch, roll and log zoom of a pinhole camera, on straight lines from sample to sample.
@@ -99,13 +101,13 @@ fn project(&[a, b, c, d, e, f, g, h, i]: &[f64; 9], at_x: &mut [f64; CHUNK], at_
     }
 }
 
-/// From what the lens shows to what a pinhole would.
+/// From what the output shows of the lens to what a pinhole would show.
 #[inline(always)]
 fn straighten(lens: &Lens, at_x: &mut [f64; CHUNK], at_y: &mut [f64; CHUNK]) {
     let [cx, cy] = lens.centre;
     for k in 0..CHUNK {
         let (u, v) = (at_x[k] - cx, at_y[k] - cy);
-        let scale = 1.0 / (1.0 + lens.bend * (u * u + v * v));
+        let scale = 1.0 / (1.0 + lens.kept * (u * u + v * v));
         at_x[k] = cx + scale * u;
         at_y[k] = cy + scale * v;
     }
@@ -185,8 +187,9 @@ mod tests {
             centre: [320.0, 240.0],
             bend: -1e-6 * value,
         };
-        let lens =
-            |bend: f64| Some(Lens { window: [0.9, 0.0, 30.0, 0.0, 0.9, 20.0, 0.0, 0.0, 1.0], centre: [320.0, 240.0], bend });
+        let lens = |bend: f64| {
+            Some(Lens { window: [0.9, 0.0, 30.0, 0.0, 0.9, 20.0, 0.0, 0.0, 1.0], centre: [320.0, 240.0], bend, kept: bend })
+        };
         let views = [
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             [0.9, 0.01, 30.0, -0.01, 0.9, 20.0, 1e-5, -1e-5, 1.0],

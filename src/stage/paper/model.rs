@@ -8,7 +8,7 @@ use nalgebra::Matrix3;
 
 use super::Zoom;
 use crate::frame::PathParameters;
-use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion};
+use crate::geometry::{Homography, OutputMap, Pinhole, Pose, RowMotion, View};
 use crate::stage::shutter::{Motion, Pair, Parameters, Prior, RowSpan};
 
 /// The part of the frame interval that the readout is taken to fill, and the horizontal field of view (degrees), where nothing is
@@ -145,11 +145,11 @@ impl Cho2007 {
     }
 
     /// As [`crate::stage::shutter::Shutter::map`]: output pixel -> virtual camera -> undistorted frame by `W^-1` -> captured frame by D (eq. 3).
-    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
-        let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(*view) };
+    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &View) -> OutputMap {
+        let RowMotion::Uniform { motion: within, rows } = motion.rows else { return OutputMap::Projective(view.window) };
         let correction = correction(zoom(motion.path), zoom(smoothed), &self.camera);
         let distortion = undistortion(Zoom::of(&within).part(strength), rows).inverse().unwrap_or_default();
-        OutputMap::Projective(Homography(distortion.0 * correction.0 * view.0).scaled())
+        OutputMap::Projective(Homography(distortion.0 * correction.0 * view.window.0).scaled())
     }
 }
 

@@ -7,7 +7,7 @@ pub(crate) mod certainty;
 pub(crate) mod continuous;
 
 use crate::frame::{Fit, PathParameters, Track};
-use crate::geometry::{Calibration, Estimate, Homography, OutputMap, Pose, RowMotion};
+use crate::geometry::{Calibration, Estimate, OutputMap, Pose, RowMotion, View};
 
 use crate::kernel::Level;
 use crate::stage::paper::Cho2007;
@@ -242,7 +242,7 @@ impl Shutter {
 
     /// Where output pixels come from, for a frame with the given motion. `smoothed` is the virtual camera's path, `strength`
     /// the part of the rows' motion that is undone (0 to 1), `view` takes output pixels to the virtual camera's.
-    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
+    pub fn map(&self, motion: &Motion, smoothed: PathParameters, strength: f64, view: &View) -> OutputMap {
         match self {
             Self::Cho2007(model) => model.map(motion, smoothed, strength, view),
             Self::Continuous(_) => continuous::map(motion, smoothed, strength, view),

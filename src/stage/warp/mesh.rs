@@ -11,7 +11,7 @@ pub(super) fn mesh(map: &OutputMap) -> Mesh {
     let entries = |h: &Homography| std::array::from_fn(|i| h.0[(i / 3, i % 3)]);
     let (view, lens, rows) = match map {
         OutputMap::Projective(view) => (view, None, None),
-        OutputMap::Rows { window, view, camera, rows } => {
+        OutputMap::Rows { window, view, camera, kept, rows } => {
             let samples = &rows.samples;
             let table = |of: &dyn Fn(usize, usize) -> f64| {
                 let mut table = [[0.0; _]; 4];
@@ -29,7 +29,7 @@ pub(super) fn mesh(map: &OutputMap) -> Mesh {
                 centre: camera.centre.map(|c| c as f32),
                 bend: camera.bend as f32,
             };
-            let lens = Lens { window: entries(window), centre: camera.centre, bend: camera.bend };
+            let lens = Lens { window: entries(window), centre: camera.centre, bend: camera.bend, kept: *kept };
             (view, (camera.bend != 0.0).then_some(lens), Some(rows))
         }
     };
@@ -55,8 +55,9 @@ mod tests {
         let lens = camera.with_lens(-0.15, 1920);
         for map in [
             OutputMap::Projective(view),
-            OutputMap::Rows { window, view, camera, rows },
-            OutputMap::Rows { window, view, camera: lens, rows },
+            OutputMap::Rows { window, view, camera, kept: 0.0, rows },
+            OutputMap::Rows { window, view, camera: lens, kept: lens.bend, rows },
+            OutputMap::Rows { window, view, camera: lens, kept: 0.3 * lens.bend, rows },
         ] {
             let mesh = mesh(&map);
             let mut most = 0.0f64;

@@ -147,7 +147,7 @@ fn the_mesh_is_off_by_less_than_a_twentieth_of_a_pixel() {
         assert!(off < 0.05, "turn {i}: {off} px");
         for (j, rows) in row_motions(size[1]).into_iter().enumerate() {
             let [off, ..] = worst(
-                &OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows },
+                &OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, kept: camera.bend, rows },
                 Sampling::Mono,
                 Siting::Centre,
                 size,
@@ -168,7 +168,7 @@ fn the_rows_at_the_edge_are_off_by_little_more() {
     let view = middle_view(size, size, 1.1);
     for turn in turns(&camera, &view) {
         for rows in row_motions(size[1]) {
-            let map = OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows };
+            let map = OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, kept: camera.bend, rows };
             let [off, ..] = worst_within(1.0, &map, Sampling::Mono, Siting::Centre, size, size);
             assert!(off < 0.08, "{off} px");
         }
@@ -182,7 +182,10 @@ fn luma_and_chroma_stay_together() {
         let view = middle_view(size, size, 1.15);
         let [.., turn] = turns(&camera, &view)[..] else { unreachable!() };
         let rows = row_motions(size[1])[2];
-        for map in [OutputMap::Projective(turn), OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, rows }] {
+        for map in [
+            OutputMap::Projective(turn),
+            OutputMap::Rows { window: Homography::IDENTITY, view: turn, camera, kept: camera.bend, rows },
+        ] {
             for sampling in SAMPLINGS {
                 for siting in [Siting::Centre, Siting::Left, Siting::TopLeft] {
                     let off = worst(&map, sampling, siting, size, size);
@@ -206,6 +209,7 @@ fn pictures_of_another_size_are_drawn_as_the_map_says() {
                 window: Homography::IDENTITY,
                 view: turns(&camera, &view)[1],
                 camera,
+                kept: 0.0,
                 rows: row_motions(input[1])[3],
             },
         ] {
@@ -223,6 +227,7 @@ fn the_identity_copies_exactly() {
         window: Homography::IDENTITY,
         view: Homography::IDENTITY,
         camera: Pinhole::new(size, 60.0),
+        kept: 0.0,
         rows: RowPoses { samples: [Pose::default(); RowPoses::SAMPLES], spacing: 1.0 },
     };
     for [width, height] in [[1, 1], [2, 2], [3, 1], [16, 8], [17, 9], [33, 23], [101, 67], [640, 48]] {
@@ -248,7 +253,8 @@ fn every_level_draws_the_same() {
     let picture = noise(Sampling::S420, size[0], size[1]);
     let view = middle_view(size, size, 1.1);
     for rows in row_motions(size[1]) {
-        let map = OutputMap::Rows { window: Homography::IDENTITY, view: turns(&camera, &view)[3], camera, rows };
+        let map =
+            OutputMap::Rows { window: Homography::IDENTITY, view: turns(&camera, &view)[3], camera, kept: camera.bend, rows };
         let drawn = Level::all().map(|level| {
             let mut drawn = Picture::new(Sampling::S420, size[0], size[1]);
             Warper::new(&LINEAR, level, Siting::Left).draw(&map, picture.as_ref(), &mut drawn.as_mut());
@@ -274,6 +280,7 @@ fn nonsense_is_drawn_without_harm() {
             window: Homography::IDENTITY,
             view: Homography::IDENTITY,
             camera: Pinhole::default(),
+            kept: 0.0,
             rows: RowPoses { samples: [Pose([f64::NAN, 1e9, -1e9, f64::INFINITY]); RowPoses::SAMPLES], spacing: 0.0 },
         },
     ];

@@ -38,7 +38,7 @@ mod row_agreement;
 
 use super::{Motion, Optics, Pair, RowSpan};
 use crate::frame::{PathParameters, Track};
-use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion, RowPoses, hypot};
+use crate::geometry::{Calibration, Homography, OutputMap, Pose, RowMotion, RowPoses, View, hypot};
 use crate::kernel::Level;
 use crate::random::Congruential;
 use calibration::Calibrator;
@@ -313,14 +313,14 @@ fn pose_of(path: PathParameters) -> Pose {
 }
 
 /// Output pixel -> virtual camera at `smoothed` -> camera at the frame's reference time -> the row that saw it.
-pub fn map(motion: &Motion, smoothed: PathParameters, strength: f64, view: &Homography) -> OutputMap {
-    let RowMotion::Poses { camera, rows } = motion.rows else { return OutputMap::Projective(*view) };
+pub fn map(motion: &Motion, smoothed: PathParameters, strength: f64, view: &View) -> OutputMap {
+    let RowMotion::Poses { camera, rows } = motion.rows else { return OutputMap::Projective(view.window) };
     let turn = camera.turned(pose_of(motion.path) - pose_of(smoothed));
-    let (window, view) = match camera.bend == 0.0 {
-        true => (Homography::IDENTITY, Homography(turn.0 * view.0).scaled()),
-        false => (*view, turn),
+    let ((window, kept), view) = match camera.bend == 0.0 {
+        true => ((Homography::IDENTITY, 0.0), Homography(turn.0 * view.window.0).scaled()),
+        false => (view.through(&camera), turn),
     };
-    OutputMap::Rows { window, view, camera, rows: rows.part(strength) }
+    OutputMap::Rows { window, view, camera, kept, rows: rows.part(strength) }
 }
 
 #[cfg(test)]
