@@ -386,6 +386,7 @@ fn the_demo_takes_settings_and_measure_gives_its_numbers() {
     for (clip, shake) in measured["clips"].as_array().unwrap().iter().zip(&demo) {
         let measured = clip["shake_px"].as_f64().unwrap();
         assert!((measured - shake).abs() < 0.1 * shake && clip["slant_deg"].as_f64().is_some(), "{clip}, {said}");
+        assert!((0.0..5.0).contains(&clip["bend_px"].as_f64().unwrap()), "{clip}");
     }
     assert!(String::from_utf8(good(&["measure", &clips[0]])).unwrap().contains("input.y4m: shake "));
     let one = scratch.file("one.gbr");

@@ -193,11 +193,14 @@ fn tell(clips: &[(&str, &Files, [Shake; 2])]) -> io::Result<()> {
         }
         writeln!(
             out,
-            "  measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (RMS change from frame to frame)",
+            "  measured: shake {:.2} px -> {:.2} px, slant {:.3} -> {:.3} degrees (RMS change from frame to frame), bend {:.3} -> {:.3} px \
+             (RMS of the rows)",
             before.centre_px(),
             after.centre_px(),
             before.slant_deg(),
-            after.slant_deg()
+            after.slant_deg(),
+            before.bend_px(),
+            after.bend_px()
         )?;
     }
     Ok(())
