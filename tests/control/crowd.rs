@@ -299,7 +299,7 @@ fn a_slow_file_keeps_nobody_waiting() {
         may_go_on.lock().unwrap().recv_timeout(LONG).map_err(|error| error.to_string())?;
         Ok(Settings::default())
     };
-    let limits = Limits { reading: Duration::from_millis(300), ..Limits::default() };
+    let limits = Limits { reading: Duration::from_secs(1), ..Limits::default() };
     served_with(Scratch::new("reading"), 0o600, limits, Box::new(read), |scratch, _| {
         let waiting = scratch.connect();
         (&waiting).write_all(b"reload\nstatus\n").unwrap();
