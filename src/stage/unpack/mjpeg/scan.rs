@@ -342,7 +342,8 @@ impl<'a> Follower<'a> {
             }
             restart = (restart + 1) % 8;
             let from = self.at + bits.used();
-            let to = if done == total && !is_last { scan_end(self.jpeg, self.at) } else { marker.map_or(end, |at| at - 1) };
+            // Behind the last code, all up to the next marker goes at once: restart markers, and bytes of 0xff before a zero, which are none.
+            let to = if done == total { scan_end(self.jpeg, self.at) } else { marker.map_or(end, |at| at - 1) };
             if !are_meaningless(&self.jpeg[from..to], done == total && bits.is_padded()) {
                 return Some(Codes::Broken);
             }

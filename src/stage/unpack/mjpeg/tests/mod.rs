@@ -152,6 +152,38 @@ fn many_stray_bytes_before_the_end_are_damage() {
     assert!(error.to_string().contains("extraneous bytes"), "{error}");
 }
 
+/// A decoder that expects bytes without meaning removes them before it decodes, any other after a complaint: both must remove the same.
+#[test]
+fn stray_bytes_are_removed_alike_whatever_came_before() {
+    let size = (48, 32);
+    let whole = ramps(48, 32, Subsamp::Sub2x2);
+    let with = |strays: &[u8]| [&whole[..whole.len() - 2], strays, &[0xff, 0xd9]].concat();
+    let fresh = |bytes: &[u8]| decode(&mut Unpack::new(), size, bytes);
+    let shown = decode(&mut Unpack::new(), size, &whole);
+    for strays in [
+        &[0xff, 0xff, 0][..],
+        &[0xff, 0xff, 0xff, 0, 0, 7, 8],
+        &[0xff, 0, 0xff, 0xff, 0, 9],
+        &[0xff, 0xff, 0, 0xff, 0xd0, 5],
+        &[3, 0xff, 0xff],
+    ] {
+        let mut expecting = Unpack::new();
+        for _ in 0..2 {
+            decode(&mut expecting, size, &with(&[1, 2, 3])).unwrap();
+        }
+        let bytes = with(strays);
+        assert_eq!(decode(&mut expecting, size, &bytes), fresh(&bytes), "{strays:x?}");
+        assert_eq!(fresh(&bytes), shown, "{strays:x?}");
+    }
+    // what a fuzzer found: a scan of one component that ends in 0xff ff ff ff 00
+    let found = include_bytes!("strays-behind-fill.jpg");
+    let mut expecting = Unpack::new();
+    for _ in 0..2 {
+        decode(&mut expecting, size, &with(&[1, 2, 3])).unwrap();
+    }
+    assert_eq!(decode(&mut expecting, (17, 11), found), decode(&mut Unpack::new(), (17, 11), found));
+}
+
 #[test]
 fn a_header_that_is_a_little_larger_is_cropped() {
     let mut unpack = Unpack::new();
