@@ -45,7 +45,7 @@ impl SplitMix {
 
     /// Between `low` and `high`.
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        low + (high - low) * unit(self.bits())
     }
 
     /// Normally distributed, mean 0, standard deviation 1 (Box and Muller).

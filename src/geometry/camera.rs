@@ -113,7 +113,7 @@ impl Pinhole {
         Self { bend, ..self }
     }
 
-    /// The scale at which this camera's picture, drawn with a lens that bends by `bend` instead, shows nothing beyond its edges: a pixel
+    /// The scale (1 is none) at which this camera's picture, drawn with a lens that bends by `bend` instead, shows nothing beyond its edges: a pixel
     /// of the redrawn picture, scaled from the principal point, is one of this picture. It keeps as much as there is room for.
     pub fn fill(&self, bend: f64) -> f64 {
         let drawn = self.with_bend(bend);

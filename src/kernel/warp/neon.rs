@@ -64,10 +64,10 @@ impl Draw for Neon {
                 // SAFETY: `LOAD` bytes, `down` rows below each octet's first; `furthest` counts as many rows as are asked for below.
                 let load = |p: usize, down: usize| unsafe { firsts.map(|at| vld1q_u8(samples[p].add(at + down * stride))) };
                 let bytes = match (CUBIC, flat) {
-                    (false, true) => bilinear::mix(x, y, loaded::<2, N>(load)),
-                    (false, false) => bilinear::mix_steep(x, y, loaded::<3, N>(load)),
-                    (true, true) => bicubic::mix(x, y, loaded::<4, N>(load)),
-                    (true, false) => bicubic::mix_steep(x, y, loaded::<5, N>(load)),
+                    (false, true) => bilinear::mix(x, y, load_rows::<2, N>(load)),
+                    (false, false) => bilinear::mix_steep(x, y, load_rows::<3, N>(load)),
+                    (true, true) => bicubic::mix(x, y, load_rows::<4, N>(load)),
+                    (true, false) => bicubic::mix_steep(x, y, load_rows::<5, N>(load)),
                 };
                 for (out, bytes) in outs.iter_mut().zip(bytes) {
                     // SAFETY: a block has sixteen bytes.
@@ -80,6 +80,6 @@ impl Draw for Neon {
 
 /// The rows of each plane's two octets.
 #[inline(always)]
-fn loaded<const ROWS: usize, const N: usize>(load: impl Fn(usize, usize) -> Pair) -> [[Pair; ROWS]; N] {
+fn load_rows<const ROWS: usize, const N: usize>(load: impl Fn(usize, usize) -> Pair) -> [[Pair; ROWS]; N] {
     std::array::from_fn(|plane| std::array::from_fn(|row| load(plane, row)))
 }

@@ -112,15 +112,21 @@ fn nodes_are_read_off_sysfs() {
     assert_eq!(ports.roots.sightings().len(), 1, "a node that a container does not have");
 }
 
-/// By every kind of name: ours goes, and comes back under another number, while its twin stays.
-#[test]
-fn ours_is_found_under_another_number_and_its_twin_is_left_alone() {
+/// Our camera, opened by its number 0, and its twin; udev's links lead to ours.
+fn two_alike() -> (UsbPorts, Known) {
     let ports = UsbPorts::new();
     ports.plug(OURS, 0);
     ports.plug(TWIN, 2);
     ports.link(BY_ID, 0);
     ports.link(BY_PATH, 0);
     let known = ports.open(0);
+    (ports, known)
+}
+
+/// By every kind of name: ours goes, and comes back under another number, while its twin stays.
+#[test]
+fn ours_is_found_under_another_number_and_its_twin_is_left_alone() {
+    let (ports, known) = two_alike();
     ports.unplug(OURS);
     ports.unlink(BY_ID);
     ports.unlink(BY_PATH);
@@ -139,12 +145,7 @@ fn ours_is_found_under_another_number_and_its_twin_is_left_alone() {
 
 #[test]
 fn the_twin_that_takes_our_number_is_not_opened() {
-    let ports = UsbPorts::new();
-    ports.plug(OURS, 0);
-    ports.plug(TWIN, 2);
-    ports.link(BY_ID, 0);
-    ports.link(BY_PATH, 0);
-    let known = ports.open(0);
+    let (ports, known) = two_alike();
     ports.unplug(OURS);
     ports.unplug(TWIN);
     ports.plug(TWIN, 0);

@@ -235,9 +235,10 @@ impl<'a> Frame<'a> {
         let &[_, y1, y0, x1, x0, _, ref components @ ..] = payload else { return None };
         let number = |high, low| usize::from(u16::from_be_bytes([high, low]));
         let components: &[[u8; 3]] = components.as_chunks().0;
-        // Of components with one name a decoder has its own way of telling which a scan means.
-        let is_twin = |(n, component): (usize, &[u8; 3])| components[..n].iter().any(|other| other[0] == component[0]);
-        (!components.iter().enumerate().any(is_twin)).then_some(Self { size: (number(x1, x0), number(y1, y0)), components })
+        // Identifiers have to be unique (B.2.2); where they are not, decoders differ in which component a scan means.
+        let is_duplicate = |(n, component): (usize, &[u8; 3])| components[..n].iter().any(|other| other[0] == component[0]);
+        (!components.iter().enumerate().any(is_duplicate))
+            .then_some(Self { size: (number(x1, x0), number(y1, y0)), components })
     }
 
     fn factors(component: &[u8; 3]) -> (usize, usize) {

@@ -175,9 +175,9 @@ fn stray_bytes_are_removed_alike_whatever_came_before() {
         assert_eq!(decode(&mut expecting, size, &bytes), fresh(&bytes), "{strays:x?}");
         assert_eq!(fresh(&bytes), shown, "{strays:x?}");
     }
-    // what a fuzzer found: a scan of one component that ends in 0xff ff ff ff 00, and two components with one name
+    // what a fuzzer found: a scan of one component that ends in 0xff ff ff ff 00, and two components with one identifier
     let found: [(_, &[u8]); 2] =
-        [((17, 11), include_bytes!("strays-behind-fill.jpg")), ((3, 2), include_bytes!("twin-components.jpg"))];
+        [((17, 11), include_bytes!("strays-behind-fill.jpg")), ((3, 2), include_bytes!("duplicate-components.jpg"))];
     for (size_of_it, bytes) in found {
         let mut expecting = Unpack::new();
         for _ in 0..2 {
