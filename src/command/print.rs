@@ -26,7 +26,7 @@ fn write(to: &mut dyn Write, text: &str) -> io::Result<()> {
 /// What came of writing to standard output.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub(super) fn written_or_closed(written: io::Result<()>) -> Result<(), Failure> {
     match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),

@@ -2,7 +2,7 @@
 //! numbers of its own.
 //!
 //! A measurement m of ten points (eight of a curve, four for each of two moments, and two beside it) says something of
-//! `sum_p w[p] x[p]`, where each point x[p] has four channels. Its normal matrix is
+//! `sum_p w[p] x[p]`, where each point `x[p]` has four channels. Its normal matrix is
 //! `w[p] w[q] A` for the block of points p and q, with one A (four by four, symmetric) for all of them. So it needs no more than the
 //! ten numbers of A for each of the 55 pairs of points.
 

@@ -28,10 +28,10 @@ use crate::rt::notifier::Notifier;
 /// How long a lend waits for a frame before it says [`Lent::Idle`].
 const POLL_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Which camera, and what to ask of it; what is `None` is chosen by [`choose`].
+/// Which camera, and what to ask of it; what is `None` is chosen by [`choose`](super::mode::choose).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaptureParams {
-    /// Number, path or card name, as [`super::find`] takes it.
+    /// Number, path or card name, as [`super::find()`] takes it.
     pub device: String,
     /// Where the camera is known to be: one of these nodes, and no other. Empty: it is searched for, by `device`.
     pub nodes: Vec<Sighting>,

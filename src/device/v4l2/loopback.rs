@@ -28,7 +28,7 @@ const KEEP_FORMAT: u32 = 0x0098_f900;
 /// Which device, and what to send to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopbackParams {
-    /// Number, path or card name, as [`find`](super::find) takes it; `auto` is the first that is free.
+    /// Number, path or card name, as [`super::find()`] takes it; `auto` is the first that is free.
     pub device: String,
     /// Layout of the frames: YUYV, I420 or NV12.
     pub pixel: PixelFormat,

@@ -135,7 +135,7 @@ fn filters(origin: &Origin) -> String {
     )
 }
 
-/// The time (nanoseconds) in a line as "[Parsed_metadata_2 @ 0x55] [info] frame:1 pts:33333333 pts_time:0.0333333", where it is one.
+/// The time (nanoseconds) in a line as `[Parsed_metadata_2 @ 0x55] [info] frame:1 pts:33333333 pts_time:0.0333333`, where it is one.
 /// `Some(None)`: the frame has no time.
 fn time_in(line: &str) -> Option<Option<i64>> {
     let rest = line.strip_prefix("[Parsed_metadata_")?;

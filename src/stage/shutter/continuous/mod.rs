@@ -7,7 +7,7 @@
 //! x_b - x_a = B(x_mid) (P(t_b + readout y_b / H) - P(t_a + readout y_a / H))
 //! ```
 //!
-//! with B the derivative of a pixel by the pose ([`Pinhole::derivative`]); what a camera that travels adds to that is an unknown of its own
+//! with B the derivative of a pixel by the pose ([`crate::geometry::Pinhole::derivative`]); what a camera that travels adds to that is an unknown of its own
 //! ([`flow`]). P is a cubic spline with about four control points to a
 //! frame, so this is linear in the unknowns. Minimised is the sum of the robust misfits (Geman-McClure, pixels) and of the prior
 //! (white acceleration) by an information filter ([`filter`]). There is no latency: the newest pair measures the path up to the
